@@ -76,13 +76,7 @@ impl Checks {
     }
 
     /// Everything a tree promises, and hits through it with those by brute force.
-    pub(crate) fn check_tree(
-        &mut self,
-        place: &str,
-        tree: &Bvh,
-        triangles: &Triangles<'_>,
-        rays: &[SampleRay],
-    ) {
+    pub(crate) fn check(&mut self, place: &str, tree: &Bvh, triangles: &Triangles<'_>, rays: &[SampleRay]) {
         for (ray, expected) in rays {
             self.rays += 1;
             self.rays_hit += u64::from(expected.is_some());

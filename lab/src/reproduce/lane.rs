@@ -25,16 +25,10 @@ pub(super) struct Lane {
     trace_ms: f64,
     /// What the last rendering did.
     pub(super) stats: RenderStats,
-    pub(super) since: Since,
-}
-
-/// Updates since the last frame that was measured.
-#[derive(Clone, Copy, Default)]
-pub(super) struct Since {
-    /// How many, one for each frame.
-    updates: u64,
+    /// Updates since the last frame that was measured, one for each frame.
+    pub(super) updates: u64,
     /// What they took together, the shortest time of each.
-    ms: f64,
+    pub(super) updates_ms: f64,
 }
 
 /// A copy of the first tree, what updates it, and what its last update did.
@@ -70,7 +64,8 @@ impl Lane {
             update_ms: f64::INFINITY,
             trace_ms: f64::INFINITY,
             stats: RenderStats::default(),
-            since: Since::default(),
+            updates: 0,
+            updates_ms: 0.0,
         })
     }
 
@@ -114,20 +109,11 @@ impl Lane {
         }
     }
 
-    /// Drops the twins after two turns of which both took long to update.
-    pub(super) fn drop_twins(&mut self) {
-        // Twins were added by the first update, which may have been shorter than later ones. Two
-        // turns in a row are seldom disturbed.
-        if self.update_ms > LONG_MS {
-            self.trees.truncate(1);
-        }
-    }
-
     /// Ends a frame: counts its update, and reports to what updates the trees how many nodes the
     /// rays opened, if there were any.
     pub(super) fn end(&mut self, nodes_opened: Option<u64>) {
-        self.since.updates += 1;
-        self.since.ms += self.update_ms;
+        self.updates += 1;
+        self.updates_ms += self.update_ms;
         for worker in self.trees.iter_mut().map(|tree| &mut tree.worker) {
             nodes_opened.into_iter().for_each(|nodes| worker.report(Load::PacketNodes(nodes)));
         }
@@ -148,8 +134,8 @@ impl Lane {
             primitives_refit: primitives_refit(bvh, update),
             // Without commas, which would part columns for a simple reader.
             decision: update.decision.to_string().replace(',', ";"),
-            updates: self.since.updates,
-            updates_ms: self.since.ms,
+            updates: self.updates,
+            updates_ms: self.updates_ms,
             ..common.clone()
         };
         let same = self.trees[1..].iter().all(|twin| cost(twin) == row.sah_cost);

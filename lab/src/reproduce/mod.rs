@@ -134,7 +134,7 @@ pub fn run(args: &Args) -> Result<()> {
     }
     // It would be mistaken for this run's.
     files::remove_old(&out.file("report.html"))?;
-    let mut bench = Bench::new(args, &results, &out, embree, &entries)?;
+    let mut bench = Bench::new(args, &results, &out, &entries)?;
 
     let (start, count) = (Instant::now(), entries.len());
     let finished = entries.iter().filter(|entry| entry.before.facts.finished).count();
@@ -152,13 +152,14 @@ pub fn run(args: &Args) -> Result<()> {
         let [done, to_do] = [i, count].map(|n| n.saturating_sub(finished) as f64);
         let left = left(start.elapsed(), done, to_do);
         files::remark(&format!("{}: scene {} of {count}{left}", entry.label, i + 1));
-        let (run, points) = pool.install(|| bench.scene(entry))?;
+        let (run, points) = pool.install(|| bench.scene(entry, embree.clone()))?;
         results.scenes.push(run);
         results.accuracy.extend(points);
     }
     if let Some(journal) = bench.points.as_mut().filter(|_| args.scenes.is_empty()) {
         // Knobs without a scene are measured last, and again.
-        results.accuracy.extend(pool.install(|| accuracy::alone(&args.effort(0), journal))?);
+        let log = accuracy::Log::new("", args.effort(0), journal);
+        results.accuracy.extend(pool.install(|| accuracy::alone(log))?);
     }
     results.interrupted = interrupt::requested();
     let written = out.write(&results);
@@ -211,7 +212,6 @@ struct Bench<'a> {
     args: &'a Args,
     settings: Settings,
     out: &'a Output,
-    embree: Option<Device>,
     frames: Journal<Row>,
     speeds: Option<Journal<Row>>,
     points: Option<Journal<Point>>,
@@ -220,17 +220,11 @@ struct Bench<'a> {
 
 impl<'a> Bench<'a> {
     /// With new files, which hold what was measured before.
-    fn new(
-        args: &'a Args,
-        results: &Results,
-        out: &'a Output,
-        embree: Option<Device>,
-        entries: &[Entry],
-    ) -> Result<Self> {
+    fn new(args: &'a Args, results: &Results, out: &'a Output, entries: &[Entry]) -> Result<Self> {
         let before = || entries.iter().map(|entry| &entry.before);
-        let rows = before().flat_map(|run| run.rows.clone()).collect::<Vec<_>>();
-        let speeds = before().flat_map(|run| run.speed_rows.clone()).collect::<Vec<_>>();
-        let peers = before().flat_map(|run| run.peers.clone()).collect::<Vec<_>>();
+        let rows: Vec<_> = before().flat_map(|run| run.rows.clone()).collect();
+        let speeds: Vec<_> = before().flat_map(|run| run.speed_rows.clone()).collect();
+        let peers: Vec<_> = before().flat_map(|run| run.peers.clone()).collect();
         let any_speeds =
             entries.iter().any(|entry| entry.supplement.is_none() && args.runs_speeds(&entry.label));
         let [accuracy, beside] = [Experiment::Accuracy, Experiment::Peers].map(|e| args.runs(e));
@@ -238,7 +232,6 @@ impl<'a> Bench<'a> {
             args,
             settings: results.settings.clone(),
             out,
-            embree,
             frames: Journal::create(&out.file("frames.csv"), &rows)?,
             speeds: Journal::if_wanted(any_speeds, &out.file("fig5.csv"), &speeds)?,
             points: Journal::if_wanted(accuracy, &out.file("accuracy.csv"), &results.accuracy)?,
@@ -247,7 +240,7 @@ impl<'a> Bench<'a> {
     }
 
     /// Measures everything on a scene that was asked for.
-    fn scene(&mut self, entry: Entry) -> Result<(SceneRun, Vec<Point>)> {
+    fn scene(&mut self, entry: Entry, embree: Option<Device>) -> Result<(SceneRun, Vec<Point>)> {
         let args = self.args;
         let Entry { source, label, loaded, supplement, before } = entry;
         let is_main = supplement.is_none();
@@ -276,11 +269,12 @@ impl<'a> Bench<'a> {
             run.facts.effect_costs = effects::measure(&source, args.clip.as_deref(), played)?;
         }
         if let Some(journal) = self.points.as_mut().filter(|_| is_main && args.measures_accuracy_of(&label)) {
-            points = accuracy::of_scene(&label, &mut stage, &args.effort(run.facts.triangles), journal)?;
+            let log = accuracy::Log::new(&label, args.effort(run.facts.triangles), journal);
+            points = accuracy::of_scene(&mut stage, log)?;
         }
         if let Some(journal) = self.peers.as_mut().filter(|_| is_main && !interrupt::requested()) {
             let Values { peer_frames: frames, size, .. } = plan.values;
-            let (triangles, threads, embree) = (run.facts.triangles, plan.threads, self.embree.clone());
+            let (triangles, threads) = (run.facts.triangles, plan.threads);
             let (scene, only, runs) = (label, Vec::new(), 1);
             let setting = Setting { scene, triangles, threads, embree, only, frames, runs, size };
             run.peers = compare::beside(&mut stage, &setting)?;
@@ -315,7 +309,7 @@ impl<'a> Bench<'a> {
         let SceneRun { facts, pictures: taken, checks, .. } = run;
         let [size, map_size] = plan.values.picture_size;
         facts.hottest = pictures::hottest(stage, map_size);
-        let take = |stage: &mut Stage, trees: &[Named<'_>], frame: usize| {
+        let mut take = |stage: &mut Stage, trees: &[Named<'_>], frame: usize| {
             // All trees show the same picture, as the checks make sure.
             let costs = trees.iter().map(|&(_, tree)| (sah_cost(tree), tree));
             let Some((_, best)) = costs.min_by(|a, b| a.0.total_cmp(&b.0)) else { return Ok(()) };
@@ -332,19 +326,13 @@ impl<'a> Bench<'a> {
                 "resumed after loop {round}, frame {frame}: pictures of strategies up to there were compared in the run before"
             ));
         }
-        let log = Log { done: begun, journal: &mut self.frames, checks };
-        run.rows = protocol::measure(&facts.label, stage, plan, log, take)?;
+        let log = Log { done: begun, journal: &mut self.frames, checks, picture: &mut take };
+        run.rows = protocol::measure(&facts.label, stage, plan, log)?;
         Ok(())
     }
 
     /// Figure 5: one strategy, the same motion in fewer or more frames.
-    fn speeds(
-        &mut self,
-        run: &mut SceneRun,
-        stage: &mut Stage,
-        plan: &Plan,
-        mut begun: Vec<Row>,
-    ) -> Result<()> {
+    fn speeds(&mut self, run: &mut SceneRun, stage: &mut Stage, plan: &Plan, begun: Vec<Row>) -> Result<()> {
         let Some(journal) = &mut self.speeds else { return Ok(()) };
         for frames in SPEEDS.into_iter().take_while(|_| !interrupt::requested()) {
             // As many samples of each, unless every frame is asked for.
@@ -353,9 +341,9 @@ impl<'a> Bench<'a> {
             let mut contestants = Contestant::all();
             contestants.retain(|c| speed_strategies(frames).contains(&c.name));
             let plan = Plan { contestants, values, measure_every, ..*plan };
-            let done = begun.extract_if(.., |row| row.frames_per_loop == frames).collect();
-            let log = Log { done, journal, checks: &mut run.checks };
-            let rows = protocol::measure(&run.facts.label, stage, &plan, log, |_, _, _| Ok(()))?;
+            let done = begun.iter().filter(|row| row.frames_per_loop == frames).cloned().collect();
+            let log = Log { done, journal, checks: &mut run.checks, picture: &mut |_, _, _| Ok(()) };
+            let rows = protocol::measure(&run.facts.label, stage, &plan, log)?;
             run.speed_rows.extend(rows);
         }
         Ok(())

@@ -20,17 +20,17 @@
 //! them.
 
 use std::collections::{HashMap, HashSet};
-use std::hash::{DefaultHasher, Hasher};
+use std::hash::{BuildHasher, BuildHasherDefault, DefaultHasher};
 
 use anyhow::Result;
 use bvh_core::Bvh;
 use rayon::prelude::*;
-use rt_cpu::{Image, RenderOptions, RenderStats};
+use rt_cpu::{RenderOptions, RenderStats};
 
 use super::check::{self, Checks};
 use super::contestants::{Contestant, POSES};
 use super::journal::Journal;
-use super::lane::{Lane, Since};
+use super::lane::{LONG_MS, Lane};
 use super::preset::Values;
 use super::record::{Row, rounded};
 use crate::compare::turns;
@@ -98,104 +98,101 @@ pub(crate) struct Log<'a> {
     pub(crate) done: Vec<Row>,
     pub(crate) journal: &'a mut Journal<Row>,
     pub(crate) checks: &'a mut Checks,
+    /// Sees the stage, posed, with the trees of all strategies, on each frame that is to have its
+    /// picture taken.
+    pub(crate) picture: &'a mut dyn FnMut(&mut Stage, &[Named<'_>], usize) -> Result<()>,
 }
 
 /// What the first strategy has shown of a frame: its name, its counts, and a hash of its picture.
 type Shown = (&'static str, RenderStats, u64);
 
-/// What all strategies of a scene are compared with.
-#[derive(Default)]
-struct Expected {
-    /// By loop and frame.
-    shown: HashMap<(usize, usize), Shown>,
-    /// By frame: rays, and what they hit by brute force.
-    rays: HashMap<usize, Vec<check::SampleRay>>,
-}
-
-/// Measures all frames of a scene; rows go to the log frame by frame. `picture` sees the stage,
-/// posed, with the trees of all strategies, on each frame that is to have its picture taken. Ends
-/// early when interrupted.
-pub(crate) fn measure(
-    label: &str,
-    stage: &mut Stage,
-    plan: &Plan,
-    Log { mut done, journal, checks }: Log<'_>,
-    mut picture: impl FnMut(&mut Stage, &[Named<'_>], usize) -> Result<()>,
-) -> Result<Vec<Row>> {
-    let (mut rows, mut expected) = (Vec::new(), Expected::default());
+/// Measures all frames of a scene; rows go to the log frame by frame. Ends early when interrupted.
+pub(crate) fn measure(label: &str, stage: &mut Stage, plan: &Plan, mut log: Log<'_>) -> Result<Vec<Row>> {
+    let Values { size, traversal, .. } = plan.values;
+    let options = RenderOptions { smooth: false, timed: true, traversal, ..stage.render_options() };
+    let (mut rows, mut done) = (Vec::new(), std::mem::take(&mut log.done));
+    let mut run = Run {
+        label: label.to_owned(),
+        plan: plan.clone(),
+        lanes: Vec::new(),
+        renderer: Renderer::new(options, size),
+        log,
+        shown: HashMap::new(),
+        rays: HashMap::new(),
+    };
     for plan in plan.loops().into_iter().take_while(|_| !interrupt::requested()) {
         let is_of = |row: &mut Row| plan.contestants.iter().any(|c| c.name == row.strategy);
         let done = done.extract_if(.., is_of).collect();
-        let run = Run::new(label, stage, &plan, &mut expected, checks)?;
-        rows.extend(run.measure(stage, done, journal, &mut picture)?);
+        run.plan = plan;
+        run.make_lanes(stage)?;
+        rows.extend(run.measure(stage, done)?);
     }
     // After an interrupt, rows of an earlier run whose strategies had no turn.
     rows.extend(done);
     Ok(rows)
 }
 
-/// All strategies of a scene at work.
+/// Strategies of a scene at work, and what all are compared with.
 struct Run<'a> {
-    label: &'a str,
-    plan: &'a Plan,
+    label: String,
+    plan: Plan,
     lanes: Vec<Lane>,
     renderer: Renderer,
-    expected: &'a mut Expected,
-    checks: &'a mut Checks,
+    log: Log<'a>,
+    /// By loop and frame.
+    shown: HashMap<(usize, usize), Shown>,
+    /// By frame: rays, and what they hit by brute force.
+    rays: HashMap<usize, Vec<check::SampleRay>>,
 }
 
-impl<'a> Run<'a> {
-    /// Makes the lanes, and runs each once on a copy of its tree.
-    fn new(
-        label: &'a str,
-        stage: &mut Stage,
-        plan: &'a Plan,
-        expected: &'a mut Expected,
-        checks: &'a mut Checks,
-    ) -> Result<Self> {
-        let Values { size, traversal, .. } = plan.values;
-        let options = RenderOptions { smooth: false, timed: true, traversal, ..stage.render_options() };
-        let mut lanes = lanes(stage, plan)?;
-        let mut renderer = Renderer::new(options, size);
+impl Run<'_> {
+    /// Makes the lanes of the plan, and runs each once on a copy of its tree.
+    fn make_lanes(&mut self, stage: &mut Stage) -> Result<()> {
+        let Self { plan, lanes, renderer, .. } = self;
+        let knows = |c: &Contestant| c.method.knows_animation();
+        let poses = if plan.contestants.iter().any(knows) { stage.positions(POSES) } else { Vec::new() };
+        // One lane for each strategy, whatever number of contestants share it.
+        let (mut names, mut contestants) = (HashSet::new(), plan.contestants.clone());
+        contestants.retain(|c| names.insert(c.of));
+        // Those of the plan before end first.
+        lanes.clear();
+        // Side by side: methods that know the animation take long to prepare, and that is not counted.
+        let (shared, size) = (&*stage, plan.values.size);
+        let lane = |c: Contestant| Lane::new(c.of, c.method.for_picture(size), shared, &poses);
+        *lanes = contestants.into_par_iter().map(lane).collect::<Result<_>>()?;
         stage.pose(0.0);
         // A method that knows the animation refits like the others, and would be prepared again.
         for lane in lanes.iter_mut().filter(|lane| !lane.method.knows_animation()) {
             let mut warm = Lane::new(lane.name, lane.method, stage, &[])?;
             warm.update(0, stage)?;
-            warm.trace(0, stage, &mut renderer);
+            warm.trace(0, stage, renderer);
             if plan.values.turns > 1 {
                 lane.add_twins(stage, warm.update_ms)?;
             }
         }
-        Ok(Self { label, plan, lanes, renderer, expected, checks })
+        Ok(())
     }
 
-    /// Plays all frames.
-    fn measure(
-        mut self,
-        stage: &mut Stage,
-        done: Vec<Row>,
-        journal: &mut Journal<Row>,
-        picture: &mut impl FnMut(&mut Stage, &[Named<'_>], usize) -> Result<()>,
-    ) -> Result<Vec<Row>> {
-        let (label, plan) = (self.label, self.plan);
-        let (steps, frames) = (plan.steps(), plan.values.frames);
+    /// Plays all frames of the plan.
+    fn measure(&mut self, stage: &mut Stage, done: Vec<Row>) -> Result<Vec<Row>> {
+        let Plan { values, threads, .. } = self.plan;
+        let (steps, frames) = (self.plan.steps(), values.frames);
         let alone = self.lanes.first().filter(|lane| lane.method.depends_on_time());
         let who = alone.map_or(String::new(), |lane| format!(", {}", lane.name));
-        let progress = Progress::new(format!("{label}{who}, {frames} frames a loop"), steps as u64);
+        let progress = Progress::new(format!("{}{who}, {frames} frames a loop", self.label), steps as u64);
         let replayed = done.last().map_or(0, |row| row.round * frames + row.frame + 1);
         let mut all_rows = done;
         for step in (0..steps).take_while(|_| !interrupt::requested()) {
             let (round, frame) = (step / frames, step % frames);
             let time_s = stage.time_of(frame, frames);
             let (posed, animate_ms) = timed(|| stage.pose(time_s));
-            let is_measured = step >= replayed && plan.is_measured(frame);
-            let is_shown = round == 0 && plan.is_one_of(frame, plan.values.pictures);
+            let is_measured = step >= replayed && self.plan.is_measured(frame);
+            let is_shown = round == 0 && self.plan.is_one_of(frame, values.pictures);
             self.play(stage, step, is_measured, is_shown)?;
             let rows = if is_measured {
                 let common = Row {
-                    scene: label.to_owned(),
-                    threads: plan.threads,
+                    scene: self.label.clone(),
+                    threads,
                     round,
                     frame,
                     animate_ms: rounded(animate_ms),
@@ -208,17 +205,17 @@ impl<'a> Run<'a> {
                 self.recall(&all_rows, round, frame);
                 Vec::new()
             };
-            if round == 0 && plan.is_one_of(frame, plan.values.check_frames) {
+            if round == 0 && self.plan.is_one_of(frame, values.check_frames) {
                 self.check(stage, frame);
             }
             // Rows say that a frame is done: a run that is killed while it checks measures that frame
             // again. Differences that were found earlier are known to the summary alone.
-            journal.append(&rows)?;
+            self.log.journal.append(&rows)?;
             all_rows.extend(rows);
             if is_shown {
                 let current = self.lanes.iter().filter(|lane| lane.is_current);
                 let trees: Vec<_> = current.map(|lane| (lane.name, lane.tree())).collect();
-                picture(stage, &trees, frame)?;
+                (self.log.picture)(stage, &trees, frame)?;
             }
             progress.at(step as u64 + 1);
         }
@@ -247,21 +244,22 @@ impl<'a> Run<'a> {
                 if is_measured || lane.method.depends_on_time() {
                     lane.trace(turn, stage, &mut self.renderer);
                 }
-                if is_measured && turn == 1 {
-                    lane.drop_twins();
+                // Twins were added by the first update, which may have been shorter than later ones. Two
+                // turns in a row are seldom disturbed.
+                if is_measured && turn == 1 && lane.update_ms > LONG_MS {
+                    lane.trees.truncate(1);
                 }
                 if is_measured && turn == 0 {
-                    let now = (lane.name, lane.stats, hash(&self.renderer.image));
-                    let (name, stats, picture) = self.expected.shown.entry((round, frame)).or_insert(now);
+                    let pixels = self.renderer.image.pixels();
+                    let bits: &[u8] = bytemuck::cast_slice(pixels);
+                    let hash = BuildHasherDefault::<DefaultHasher>::default().hash_one(bits);
+                    let now = (lane.name, lane.stats, hash);
+                    let (name, stats, picture) = self.shown.entry((round, frame)).or_insert(now);
                     if *name != lane.name {
                         let place =
                             format!("{}, loop {round}, frame {frame}, {name} and {}", self.label, lane.name);
-                        self.checks.same_hits(&place, stats, &now.1);
-                        self.checks.same_picture(
-                            &place,
-                            self.renderer.image.pixels().len(),
-                            *picture == now.2,
-                        );
+                        self.log.checks.same_hits(&place, stats, &now.1);
+                        self.log.checks.same_picture(&place, pixels.len(), *picture == hash);
                     }
                 }
             }
@@ -275,10 +273,10 @@ impl<'a> Run<'a> {
         self.lanes.iter_mut().for_each(|lane| lane.end(Some(lane.stats.nodes_visited)));
         let (rows, same): (Vec<_>, Vec<_>) = self.lanes.par_iter().map(|lane| lane.row(common)).unzip();
         for (lane, same) in self.lanes.iter_mut().zip(same) {
-            lane.since = Since::default();
+            (lane.updates, lane.updates_ms) = (0, 0.0);
             let place =
                 format!("{}, loop {}, frame {}, {}", self.label, common.round, common.frame, lane.name);
-            self.checks.same_twin(&place, same);
+            self.log.checks.same_twin(&place, same);
         }
         let row = |c: &Contestant| {
             let at = self.lanes.iter().position(|lane| lane.name == c.of)?;
@@ -301,7 +299,7 @@ impl<'a> Run<'a> {
             }
             if !now.is_empty() {
                 // Rows of an earlier run have the updates up to here.
-                lane.since = Since::default();
+                (lane.updates, lane.updates_ms) = (0, 0.0);
             }
         }
     }
@@ -311,34 +309,15 @@ impl<'a> Run<'a> {
         let Values { size, check_rays, .. } = self.plan.values;
         let (camera, triangles) = (stage.camera(size, size), stage.triangles());
         let sample = || check::sample(&camera, &triangles, check_rays, self.plan.seed ^ frame as u64);
-        let rays = self.expected.rays.entry(frame).or_insert_with(sample);
-        let label = self.label;
+        let rays = self.rays.entry(frame).or_insert_with(sample);
+        let label = &self.label;
         let of_lane = |lane: &Lane| {
             let (place, mut checks) = (format!("{label}, frame {frame}, {}", lane.name), Checks::default());
-            checks.check_tree(&place, lane.tree(), &triangles, rays);
+            checks.check(&place, lane.tree(), &triangles, rays);
             checks
         };
         let current = self.lanes.par_iter().filter(|lane| lane.is_current);
         let checked: Vec<_> = current.map(of_lane).collect();
-        checked.iter().for_each(|checks| self.checks.add(checks));
+        checked.iter().for_each(|checks| self.log.checks.add(checks));
     }
-}
-
-/// One lane for each strategy, whatever number of contestants share it.
-fn lanes(stage: &mut Stage, plan: &Plan) -> Result<Vec<Lane>> {
-    let knows = |c: &Contestant| c.method.knows_animation();
-    let poses = if plan.contestants.iter().any(knows) { stage.positions(POSES) } else { Vec::new() };
-    let (mut names, mut contestants) = (HashSet::new(), plan.contestants.clone());
-    contestants.retain(|c| names.insert(c.of));
-    // Side by side: methods that know the animation take long to prepare, and that is not counted.
-    let stage = &*stage;
-    let lane = |c: Contestant| Lane::new(c.of, c.method.for_picture(plan.values.size), stage, &poses);
-    contestants.into_par_iter().map(lane).collect()
-}
-
-/// Of all bits of a picture.
-fn hash(image: &Image) -> u64 {
-    let mut hasher = DefaultHasher::new();
-    hasher.write(bytemuck::cast_slice(image.pixels()));
-    hasher.finish()
 }

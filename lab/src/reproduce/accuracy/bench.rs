@@ -16,7 +16,7 @@ use crate::reproduce::{Spread, median};
 use crate::stage::{Renderer, Stage, timed};
 
 /// How much is measured of each knob, by preset. What one knob alone has stands with that knob.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 pub(crate) struct Effort {
     preset: Preset,
     /// Frames in a loop, over which strategies update their trees.
@@ -49,16 +49,16 @@ impl Effort {
 }
 
 /// Where points go, and how much is to be measured.
-pub(super) struct Log<'a> {
+pub(crate) struct Log<'a> {
     /// The scene's name in tables; empty if there is none.
-    label: &'a str,
-    pub(super) effort: &'a Effort,
+    pub(super) label: &'a str,
+    pub(super) effort: Effort,
     journal: &'a mut Journal<Point>,
     pub(super) points: Vec<Point>,
 }
 
 impl<'a> Log<'a> {
-    pub(super) fn new(label: &'a str, effort: &'a Effort, journal: &'a mut Journal<Point>) -> Self {
+    pub(crate) fn new(label: &'a str, effort: Effort, journal: &'a mut Journal<Point>) -> Self {
         Self { label, effort, journal, points: Vec::new() }
     }
 
@@ -88,11 +88,6 @@ pub(super) struct Bench<'a> {
 }
 
 impl Bench<'_> {
-    /// Whether anything moves.
-    pub(super) fn moves(&self) -> bool {
-        self.stage.scene.animation.topology().moves.contains(&true)
-    }
-
     /// Moves the scene to the middle of its loop, where it has moved far from where it began.
     pub(super) fn pose_in_the_middle(&mut self) {
         self.stage.pose(0.5 * self.stage.scene.animation.duration());

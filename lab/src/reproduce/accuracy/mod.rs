@@ -17,11 +17,10 @@ mod triangle_tests;
 use anyhow::Result;
 use serde::{Deserialize, Serialize};
 
-pub(crate) use self::bench::Effort;
-use self::bench::{Bench, Log};
+use self::bench::Bench;
+pub(crate) use self::bench::{Effort, Log};
 pub(crate) use self::curves::{LEGEND, Section, sections};
 pub(crate) use self::sentences::sentences;
-use super::journal::Journal;
 use crate::interrupt;
 use crate::progress::Progress;
 use crate::stage::Stage;
@@ -35,20 +34,14 @@ const ALONE: [fn(&mut Log<'_>) -> Result<()>; 4] =
     [triangle_tests::on_a_wall, samples::measure, motion::steps, motion::key_frames];
 
 /// Measures every knob of the scene on the stage. Ends early when interrupted.
-pub(crate) fn of_scene(
-    label: &str,
-    stage: &mut Stage,
-    effort: &Effort,
-    journal: &mut Journal<Point>,
-) -> Result<Vec<Point>> {
-    let mut bench = Bench { stage, log: Log::new(label, effort, journal) };
+pub(crate) fn of_scene(stage: &mut Stage, log: Log<'_>) -> Result<Vec<Point>> {
+    let (label, mut bench) = (log.label, Bench { stage, log });
     each(label, &OF_A_SCENE, |knob| knob(&mut bench))?;
     Ok(bench.log.points)
 }
 
 /// Measures every other knob. Ends early when interrupted.
-pub(crate) fn alone(effort: &Effort, journal: &mut Journal<Point>) -> Result<Vec<Point>> {
-    let mut log = Log::new("", effort, journal);
+pub(crate) fn alone(mut log: Log<'_>) -> Result<Vec<Point>> {
     each("", &ALONE, |knob| knob(&mut log))?;
     Ok(log.points)
 }

@@ -96,7 +96,7 @@ pub(super) fn height_bounds(bench: &mut Bench<'_>) -> Result<()> {
 /// Each entrant updates its tree frame by frame through a loop; on some frames the trees are
 /// compared with a fresh one. `what` is what the entrants do. Nothing if nothing moves.
 fn play(bench: &mut Bench<'_>, knob: &str, what: &str, mut entrants: Vec<Entrant>) -> Result<()> {
-    if !bench.moves() {
+    if !bench.stage.scene.animation.topology().moves.contains(&true) {
         return Ok(());
     }
     let (frames, is_cut) = (bench.log.effort.frames, bench.log.effort.is_cut);
