@@ -64,15 +64,12 @@ const LOOKS: LightEffects = LightEffects::ALPHA.union(LightEffects::TEXTURES).un
 ///
 /// Bad input.
 pub fn run(args: &Args) -> Result<()> {
-    let mut sources: Vec<&str> = scenes::list().iter().map(|info| info.name).collect();
-    if !args.scenes.is_empty() {
-        sources = args.scenes.iter().map(String::as_str).collect();
+    let mut sources: Vec<&str> = args.scenes.iter().map(String::as_str).collect();
+    if sources.is_empty() {
+        sources.extend(scenes::list().iter().map(|info| info.name));
     }
     let scenes: Vec<_> = sources.iter().copied().zip(stage::labels(&sources)).collect();
-    let mut plans = String::new();
-    for (source, label) in &scenes {
-        plans += &plan_row(source, label)?;
-    }
+    let plans = scenes.iter().map(|(source, label)| plan_row(source, label)).collect::<Result<String>>()?;
     let (costs, absences) = args.threads.pool()?.install(|| tables(&scenes))?;
     if interrupt::requested() {
         files::remark("interrupted; the tables are not complete, so nothing is written");
@@ -80,37 +77,31 @@ pub fn run(args: &Args) -> Result<()> {
     }
     let chosen: String =
         args.scenes.iter().map(|source| format!(" --scene {}", stage::label(source))).collect();
-    let Machine { cpu, simd, started, .. } = Machine::read();
-    let mut text = include_str!("effects.md").to_owned();
-    for (name, value) in [
-        ("{chosen}", chosen),
-        ("{cpu}", cpu),
-        ("{simd}", simd),
-        ("{threads}", args.threads.count().to_string()),
-        ("{started}", started),
-        ("{revision}", Revision::read().short()),
-        ("{percent}", (100.0 * PLAYED.detail).to_string()),
-        ("{frames}", PLAYED.frames.to_string()),
-        ("{size}", PLAYED.size.to_string()),
-        ("{repeats}", REPEATS.to_string()),
-        ("{plans}", plans),
-        ("{costs}", costs),
-        ("{absences}", absences),
-    ] {
-        text = text.replace(name, &value);
-    }
+    let machine = Machine::read();
+    let text = format!(
+        include_str!("effects.md"),
+        chosen = chosen,
+        cpu = machine.cpu,
+        simd = machine.simd,
+        threads = args.threads.count(),
+        started = machine.started,
+        revision = Revision::read().short(),
+        percent = 100.0 * PLAYED.detail,
+        frames = PLAYED.frames,
+        size = PLAYED.size,
+        repeats = REPEATS,
+        plans = plans,
+        costs = costs,
+        absences = absences,
+    );
     files::print(text.trim_end())
-}
-
-/// A scene made for its effects alone: with as few steps as there can be.
-fn sketch(source: &str) -> Result<Scene> {
-    let (key_frames, substeps, detail) = (Some(2), Some(1), Some(PLAYED.detail));
-    Ok(scenes::load(source, None, &SceneOptions { key_frames, substeps, detail, ..SceneOptions::default() })?)
 }
 
 /// The row of a scene in the table of what runs.
 fn plan_row(source: &str, label: &str) -> Result<String> {
-    let scene = sketch(source)?;
+    // Made for its effects alone: with as few steps as there can be.
+    let options = SceneOptions { key_frames: Some(2), substeps: Some(1), ..PLAYED.options() };
+    let scene = scenes::load(source, None, &options)?;
     let simulated = Effects { simulated: scene.effects.simulated, ..Effects::default() };
     let reasons = scene.stage_reasons();
     let stages: Vec<_> = reasons.iter().map(|(stage, why)| format!("{} ({why})", stage.name())).collect();
@@ -279,10 +270,7 @@ fn absent(source: &str) -> Result<String> {
 /// nothing calls for them.
 fn tables(scenes: &[(&str, String)]) -> Result<(String, String)> {
     let (mut rows, mut absences) = (String::new(), String::new());
-    for (source, label) in scenes {
-        if interrupt::requested() {
-            break;
-        }
+    for (source, label) in scenes.iter().take_while(|_| !interrupt::requested()) {
         files::remark(source);
         for Cost { kind, effect, counts, ms } in measure(source, None, PLAYED)? {
             let (counts, ms) = (counts.map(|n| n.to_string()), ms.map(|ms| format!("{ms:.3}")));

@@ -95,11 +95,6 @@ pub(crate) fn remove_old(path: &Path) -> Result<()> {
     }
 }
 
-/// Removes what killed runs have left of files in a folder that is locked for this run.
-pub(crate) fn remove_partial(folder: &Path) -> Result<()> {
-    remove_all(folder, |name| name.starts_with(scenes::PARTIAL[0]) && name.ends_with(scenes::PARTIAL[1]))
-}
-
 /// Removes the files of a folder whose names `is_old` knows.
 pub(crate) fn remove_all(folder: &Path, is_old: impl Fn(&str) -> bool) -> Result<()> {
     let entries = fs::read_dir(folder).with_context(|| format!("{}: cannot be read", folder.display()))?;

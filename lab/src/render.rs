@@ -83,18 +83,14 @@ fn size(text: &str) -> Result<(u32, u32), String> {
 
 fn effects(list: &str) -> Result<LightEffects, String> {
     let mut effects = LightEffects::empty();
+    let known =
+        || LightEffects::all().iter_names().map(|(n, flag)| (n.to_lowercase().replace('_', "-"), flag));
     for name in list.split(',').map(str::trim).filter(|name| *name != "none") {
-        let known = || LightEffects::all().iter_names().map(|(known, flag)| (option(known), flag));
         let found = known().find(|(known, _)| known == name);
         let names = || known().map(|(known, _)| known + ", ").collect::<String>();
         effects |= found.ok_or_else(|| format!("no such effect as '{name}'; there are {}none", names()))?.1;
     }
     Ok(effects)
-}
-
-/// The name of a flag as an argument has it.
-fn option(flag: &str) -> String {
-    flag.to_lowercase().replace('_', "-")
 }
 
 /// Runs the command.
@@ -128,7 +124,11 @@ pub fn run(args: &Args) -> Result<()> {
     for (stage, why) in scene.stage_reasons() {
         files::remark(&format!("  {}: {why}", stage.name()));
     }
-    target.prepare()?;
+    // Before anything long begins.
+    match &target {
+        Target::Folder(folder) => files::make_folder(folder)?,
+        Target::File(file) | Target::Film(file) => files::ensure_writable(file)?,
+    }
     let mut stage = pool.install(|| stage::ready(scene))?;
     pool.install(|| frames(args, &target, &mut stage, wanted))
 }
@@ -140,7 +140,7 @@ fn frames(args: &Args, target: &Target, stage: &mut Stage, wanted: Range<usize>)
     let samples = args.samples.unwrap_or(::stage::default_samples(light));
     let (smooth, seed, traversal) = (!args.flat, args.seed, args.traversal);
     let options = RenderOptions { smooth, seed, traversal, ..stage.render_options() };
-    let mut updater = Updater::default();
+    let mut updater = Updater::new(args.strategy);
     let (mut film, mut filmed) = (Vec::new(), 0);
     let mut encoder = GifEncoder::new_with_speed(&mut film, 10);
     encoder.set_repeat(Repeat::Infinite)?;
@@ -152,14 +152,10 @@ fn frames(args: &Args, target: &Target, stage: &mut Stage, wanted: Range<usize>)
         (frame - first) as u64 + frame.saturating_sub(wanted.start) as u64 * u64::from(samples)
     };
     let progress = Progress::new(format!("rendering {label}"), steps(wanted.end));
-    for frame in first..wanted.end {
-        if interrupt::requested() {
-            break;
-        }
+    for frame in (first..wanted.end).take_while(|_| !interrupt::requested()) {
         stage.pose(stage.time_of(frame, stage.scene.frames));
-        stage
-            .update(&mut tree, updater.set_strategy(args.strategy))
-            .with_context(|| format!("{label}, frame {frame}"))?;
+        let updated = stage.update(&mut tree, &mut updater);
+        updated.with_context(|| format!("{label}, frame {frame}"))?;
         if wanted.contains(&frame) {
             if !args.flat {
                 stage.smooth();
@@ -271,14 +267,6 @@ impl Target {
                 "{}: cannot write .{other}; an image is .png, .exr or .gif, or name a folder",
                 out.display()
             ),
-        }
-    }
-
-    /// Makes the folder before anything long begins.
-    fn prepare(&self) -> Result<()> {
-        match self {
-            Self::Folder(folder) => files::make_folder(folder),
-            Self::File(file) | Self::Film(file) => files::ensure_writable(file),
         }
     }
 

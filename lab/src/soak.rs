@@ -52,10 +52,8 @@ const MORE_MEMORY: f64 = 1.05;
 pub fn run(args: &Args) -> Result<()> {
     let options = SceneOptions { detail: args.detail, ..SceneOptions::default() };
     let load = |source: &str| stage::load_with(source, None, options.clone());
-    let mut loaded = Vec::new();
-    for source in &args.scenes {
-        loaded.push((source, stage::load_first(source, || load(source))?));
-    }
+    let scenes = args.scenes.iter().map(|source| Ok((source, stage::load_first(source, || load(source))?)));
+    let loaded: Vec<_> = scenes.collect::<Result<_>>()?;
     let pool = args.threads.pool()?;
     files::print(
         "scene, strategy, frames: ms a frame of a new tree and of this; cost over a fresh tree; height; MiB",
@@ -102,10 +100,7 @@ fn soak(label: &str, stage: &mut Stage, strategy: &Strategy, args: &Args) -> Res
     let mut windows = <[Window; 3]>::default();
     // Whole loops, since the work depends on where in the loop a frame is.
     let tenth = frames / 10 - frames / 10 % per_loop;
-    for frame in 1..=frames {
-        if interrupt::requested() {
-            break;
-        }
+    for frame in (1..=frames).take_while(|_| !interrupt::requested()) {
         // The jump from the last frame of a loop to the first is part of the test.
         stage.pose(stage.time_of(frame % per_loop, per_loop));
         let (bvh, updater) = &mut old;

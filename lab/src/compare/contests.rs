@@ -6,7 +6,6 @@
 //! picture, at the scene's own pace.
 
 use anyhow::Result;
-use bvh_core::{Bvh, Ray, Triangles};
 use pivot_benches::{Answers, Contest, Contestant, Hits, LIMIT, Rays, bounces, set_up_rays};
 use rayon::prelude::*;
 use rt_cpu::{Bvh8, Pixel, TriangleTest, closest_hit};
@@ -51,13 +50,18 @@ pub(super) fn updates(contest: Contest, stage: &mut Stage, setting: &Setting) ->
         if is_measured {
             let expected = Frame::new(stage, view(stage, CHECK_SIZE))?;
             reference.add(&expected.pixels, &expected.pixels);
-            lanes.iter_mut().for_each(|lane| lane.check(&expected));
+            // The limit has no tree, so no hits to compare.
+            for lane in lanes.iter_mut().filter(|lane| lane.entry.name != LIMIT) {
+                let mut pixels = vec![Pixel::default(); expected.pixels.len()];
+                lane.contestant.cast(&expected.view, &mut pixels);
+                lane.record.answers.add(&pixels, &expected.pixels);
+                lane.add_cost(&expected);
+            }
         }
         Ok(())
     })?;
     let mut rows = rows(what, &lanes, setting, &reference);
     for row in rows.iter_mut().filter(|row| row.contestant == LIMIT) {
-        // No tree, so no hits to compare.
         (row.what, row.agrees) = ("limit".to_owned(), true);
     }
     Ok(rows)
@@ -125,13 +129,19 @@ pub(super) fn incoherent(stage: &mut Stage, setting: &Setting) -> Result<Vec<Row
     let (mut wide, mut making) = (Bvh8::new(), Record::default());
     let (mut reference, mut count) = (Answers::default(), 0);
     play("incoherent", stage, setting, false, |stage, turn, _| {
-        let seen = Frame::new(stage, view(stage, setting.size))?;
-        let time = median_of::<BOUNCE_ROUNDS>(|| wide.update(&seen.tree, &stage.triangles()));
+        let (seen, triangles) = (Frame::new(stage, view(stage, setting.size))?, stage.triangles());
+        let time = median_of::<BOUNCE_ROUNDS>(|| wide.update(&seen.tree, &triangles));
         making.times_ms.push(time);
-        let groups = bounces(&seen.view.camera, &stage.triangles(), &seen.pixels, turn as u64);
+        let groups = bounces(&seen.view.camera, &triangles, &seen.pixels, turn as u64);
         count += groups.iter().map(Rays::len).sum::<usize>() as u64;
         let mut found: Vec<Hits> = groups.iter().map(|_| Hits::default()).collect();
-        plain(&seen.tree, &stage.triangles(), &groups, &mut found);
+        // Ray by ray through the tree itself: what everyone is to find.
+        groups.par_iter().zip(&mut found).for_each(|(rays, hits)| {
+            for i in 0..rays.len() {
+                let (ray, test) = (rays.ray(i), TriangleTest::default());
+                hits.set(i, closest_hit(&seen.tree, &triangles, &ray, rays.t_max[i], test));
+            }
+        });
         let expected = answers(&groups, &found);
         reference.add(&expected, &expected);
         for lane in &mut lanes {
@@ -149,14 +159,6 @@ pub(super) fn incoherent(stage: &mut Stage, setting: &Setting) -> Result<Vec<Row
     let making = Some(making).filter(|row| setting.is_named(&row.contestant));
     let rows = rows("incoherent", &lanes, setting, &reference);
     Ok(making.into_iter().chain(with_rates(rows, count)).collect())
-}
-
-/// Ray by ray through the tree itself: what everyone is to find.
-fn plain(tree: &Bvh, triangles: &Triangles<'_>, groups: &[Rays], found: &mut [Hits]) {
-    let closest = |ray: &Ray, t_max| closest_hit(tree, triangles, ray, t_max, TriangleTest::default());
-    groups.par_iter().zip(found).for_each(|(rays, hits)| {
-        (0..rays.len()).for_each(|i| hits.set(i, closest(&rays.ray(i), rays.t_max[i])));
-    });
 }
 
 /// What the rays hit, in the form that views are compared in.

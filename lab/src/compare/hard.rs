@@ -51,13 +51,9 @@ const CASES: [Case; 8] = [
     ),
 ];
 
-/// A number in 0 .. 1 for a place.
-fn noise(i: usize) -> f32 {
-    uniform(0, i as u64)
-}
-
+/// A place in the unit cube for each number.
 fn point(i: usize) -> Vec3 {
-    Vec3::new(noise(3 * i), noise(3 * i + 1), noise(3 * i + 2))
+    Vec3::from([0, 1, 2].map(|axis| uniform(0, (3 * i + axis) as u64)))
 }
 
 fn soup() -> Vec<Vec3> {

@@ -4,7 +4,7 @@
 
 use anyhow::Result;
 use bvh_core::{Bvh, sah_cost};
-use pivot_benches::{Answers, Contest, Contestant, Entry, LIMIT, View};
+use pivot_benches::{Answers, Contest, Contestant, Entry, View};
 use rt_cpu::{Pixel, PointLight, RenderOptions, RenderStats, Traversal, cast};
 use scenes::LightEffects;
 
@@ -95,17 +95,7 @@ impl Lane {
         Ok(time_ms)
     }
 
-    /// Compares what the contestant finds, and how good its tree is, to a fresh sweep build.
-    pub(super) fn check(&mut self, frame: &Frame) {
-        if self.entry.name == LIMIT {
-            return;
-        }
-        let mut pixels = vec![Pixel::default(); frame.pixels.len()];
-        self.contestant.cast(&frame.view, &mut pixels);
-        self.record.answers.add(&pixels, &frame.pixels);
-        self.add_cost(frame);
-    }
-
+    /// Compares how good the tree is to a fresh sweep build.
     pub(super) fn add_cost(&mut self, frame: &Frame) {
         let ratio = self.contestant.sah_cost().map(|cost| cost / frame.sweep_cost);
         self.record.costs.extend(ratio.filter(|r| r.is_finite()));

@@ -319,7 +319,11 @@ fn run_scene(
     embree: Option<&Embree>,
     report: &mut Report,
 ) -> Result<()> {
-    for threads in threads(args) {
+    let mut counts: BTreeSet<usize> = args.threads.iter().map(|&n| n as usize).collect();
+    if counts.is_empty() {
+        counts.extend([1, pool::cores()]);
+    }
+    for threads in counts {
         let mut setting = Setting {
             scene: label.to_owned(),
             triangles: stage.triangles().indices.len(),
@@ -350,12 +354,4 @@ fn run_scene(
         }
     }
     Ok(())
-}
-
-/// The numbers of threads to run with.
-fn threads(args: &Args) -> BTreeSet<usize> {
-    if args.threads.is_empty() {
-        return BTreeSet::from([1, pool::cores()]);
-    }
-    args.threads.iter().map(|&n| n as usize).collect()
 }

@@ -133,6 +133,31 @@ impl Series {
         let (points, color) = (places.join(" "), color(self.color));
         format!("<polyline{} points=\"{points}\" fill=\"none\" stroke=\"{color}\" {style}/>\n", self.named())
     }
+
+    /// Marks, with names where no other of `labelled` is in the way.
+    fn marks(&self, at: impl Fn(f64, f64) -> [f64; 2], labelled: &mut Vec<[f64; 2]>) -> String {
+        let front = self.drawn().filter(|point| point.is_filled);
+        let mut front: Vec<_> = front.map(|point| at(point.x, point.y)).collect();
+        front.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        let mut svg = self.joined(&front, "opacity=\"0.6\"");
+        svg += &format!("<g{} stroke=\"{}\">", self.named(), color(self.color));
+        for point in self.drawn() {
+            let fill = if point.is_filled { &color(self.color) } else { "none" };
+            svg += &circle(at(point.x, point.y), 4, fill);
+            if point.is_ringed {
+                svg += &circle(at(point.x, point.y), 8, "none");
+            }
+        }
+        svg += "</g>\n";
+        for point in self.drawn().filter(|point| point.is_filled || point.is_ringed) {
+            let [x, y] = at(point.x, point.y);
+            if labelled.iter().all(|other| (other[1] - y).abs() > 12.0 || (other[0] - x).abs() > 130.0) {
+                labelled.push([x, y]);
+                svg += &text(&point.label, [x + 10.0, y - 6.0], "start");
+            }
+        }
+        svg
+    }
 }
 
 impl Chart {
@@ -207,33 +232,6 @@ impl Chart {
     }
 }
 
-impl Series {
-    /// Marks, with names where no other of `labelled` is in the way.
-    fn marks(&self, at: impl Fn(f64, f64) -> [f64; 2], labelled: &mut Vec<[f64; 2]>) -> String {
-        let front = self.drawn().filter(|point| point.is_filled);
-        let mut front: Vec<_> = front.map(|point| at(point.x, point.y)).collect();
-        front.sort_by(|a, b| a[0].total_cmp(&b[0]));
-        let mut svg = self.joined(&front, "opacity=\"0.6\"");
-        svg += &format!("<g{} stroke=\"{}\">", self.named(), color(self.color));
-        for point in self.drawn() {
-            let fill = if point.is_filled { &color(self.color) } else { "none" };
-            svg += &circle(at(point.x, point.y), 4, fill);
-            if point.is_ringed {
-                svg += &circle(at(point.x, point.y), 8, "none");
-            }
-        }
-        svg += "</g>\n";
-        for point in self.drawn().filter(|point| point.is_filled || point.is_ringed) {
-            let [x, y] = at(point.x, point.y);
-            if labelled.iter().all(|other| (other[1] - y).abs() > 12.0 || (other[0] - x).abs() > 130.0) {
-                labelled.push([x, y]);
-                svg += &text(&point.label, [x + 10.0, y - 6.0], "start");
-            }
-        }
-        svg
-    }
-}
-
 /// The values of an axis.
 struct Axis {
     low: f64,
@@ -280,7 +278,7 @@ impl Axis {
         }
         let rough = (self.high - self.low) / 5.0;
         let decade = 10f64.powf(rough.log10().floor());
-        let step = [1.0, 2.0, 5.0, 10.0].map(|m| m * decade).into_iter().find(|&s| s >= rough);
+        let step = [1.0, 2.0, 5.0].map(|m| m * decade).into_iter().find(|&s| s >= rough);
         let step = step.unwrap_or(10.0 * decade);
         let first = (self.low / step).ceil();
         (0..12).map(|i| (first + f64::from(i)) * step).take_while(inside).collect()

@@ -42,12 +42,8 @@ fn update_times(results: &Results) -> Option<Chart> {
     let series = timed.map(|name| {
         let point = |(place, scene): (usize, &&SceneRun)| {
             let rows = scene.of(name);
-            let spread = Spread::of(rows.iter().map(|row| row.update_ms))?;
-            Some(Point {
-                low: spread.p10,
-                high: spread.p90,
-                ..Point::at(place as f64, mean_update_ms(&rows))
-            })
+            let Spread { p10: low, p90: high, .. } = Spread::of(rows.iter().map(|row| row.update_ms))?;
+            Some(Point { low, high, ..Point::at(place as f64, mean_update_ms(&rows)) })
         };
         let points = scenes.iter().enumerate().filter_map(point).collect();
         Series { name: name.clone(), color: color(name), kind: Kind::Bars, points }

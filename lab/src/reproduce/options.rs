@@ -260,11 +260,8 @@ impl Args {
 
 fn loops(text: &str) -> Result<f64, String> {
     let loops: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
-    if loops > 0.0 && loops <= 1000.0 {
-        Ok(loops)
-    } else {
-        Err("must be above 0 and at most 1000".to_owned())
-    }
+    let is_fine = loops > 0.0 && loops <= 1000.0;
+    is_fine.then_some(loops).ok_or_else(|| "must be above 0 and at most 1000".to_owned())
 }
 
 /// The command line as it was given, but for what is about an earlier run.

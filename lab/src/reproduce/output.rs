@@ -38,7 +38,8 @@ impl Output {
         for folder in [folder.join("figures"), folder.join("images"), folder.clone()] {
             files::make_folder(&folder)?;
             if lock.is_some() {
-                files::remove_partial(&folder)?;
+                let [start, end] = scenes::PARTIAL;
+                files::remove_all(&folder, |name| name.starts_with(start) && name.ends_with(end))?;
             }
         }
         Ok(Self { folder, _lock: lock })
@@ -92,7 +93,15 @@ impl Output {
     /// Writes figures, summary and report, and says what came out.
     pub(super) fn write(&self, results: &Results) -> Result<()> {
         let claims = claims::judge(results);
-        self.remove_old_pictures(results)?;
+        // Figures, and pictures that are not of these results.
+        files::remove_all(&self.file("figures"), |name| {
+            name.ends_with(".svg")
+                && ["fig", "accuracy-", "museum-"].iter().any(|start| name.starts_with(start))
+        })?;
+        let pictures = || results.scenes.iter().flat_map(|scene| &scene.pictures);
+        files::remove_all(&self.file("images"), |name| {
+            is_picture(name) && pictures().all(|picture| picture.file != name)
+        })?;
         let figures = figures::all(results);
         for Figure { name, svg, .. } in &figures {
             files::write_whole(&self.file("figures").join(format!("{name}.svg")), svg.as_bytes())?;
@@ -117,20 +126,6 @@ impl Output {
         }
         Ok(())
     }
-
-    /// Removes figures, and pictures that are not of these results.
-    fn remove_old_pictures(&self, results: &Results) -> Result<()> {
-        files::remove_all(&self.file("figures"), is_figure)?;
-        let pictures = || results.scenes.iter().flat_map(|scene| &scene.pictures);
-        files::remove_all(&self.file("images"), |name| {
-            is_picture(name) && pictures().all(|picture| picture.file != name)
-        })
-    }
-}
-
-/// Whether a file's name is one that this program gives to figures.
-fn is_figure(name: &str) -> bool {
-    name.ends_with(".svg") && ["fig", "accuracy-", "museum-"].iter().any(|start| name.starts_with(start))
 }
 
 /// Whether a file's name is one that [`Output::picture`] gives.

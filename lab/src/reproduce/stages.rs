@@ -2,11 +2,11 @@
 
 use std::time::Duration;
 
-use anim::{Motion, PoseStats};
+use anim::PoseStats;
 use bvh_core::Bvh;
 use bvh_update::{Decision, Update};
 use rt_cpu::RenderStats;
-use scenes::{FrameStage, LightEffects};
+use scenes::FrameStage;
 use serde::{Deserialize, Serialize};
 
 use super::record::{Row, mean_update_ms, rounded};
@@ -27,29 +27,29 @@ pub(crate) struct StageSummary {
 pub(crate) fn stages(planned: &[String], rows: &[&Row]) -> Vec<StageSummary> {
     let count = |of: fn(&Row) -> u64| rows.iter().map(|row| of(row)).sum();
     let mean = |of: fn(&Row) -> f64| rows.iter().map(|row| of(row)).sum::<f64>() / rows.len().max(1) as f64;
-    let (motion, light) = (FrameStage::Motion, FrameStage::Light);
-    let (ambient, bounces) = (light(LightEffects::AMBIENT_OCCLUSION), light(LightEffects::DIFFUSE_BOUNCES));
-    let all = [
-        (motion(Motion::KEY_FRAMES), "vertices", count(|r| r.vertices_blended), mean(|r| r.blend_ms)),
-        (motion(Motion::MORPH), "displacements", count(|r| r.vertices_morphed), mean(|r| r.morph_ms)),
-        (motion(Motion::SKIN), "vertices", count(|r| r.vertices_skinned), mean(|r| r.skin_ms)),
-        (motion(Motion::RIGID), "vertices", count(|r| r.vertices_rigid), mean(|r| r.rigid_ms)),
-        (FrameStage::Update, "primitives", count(|r| r.primitives_refit), mean_update_ms(rows)),
-        (FrameStage::Primary, "rays", count(|r| r.rays_primary), mean(|r| r.primary_ms)),
-        (light(LightEffects::ALPHA), "rays again", count(|r| r.rays_again), mean(|r| r.alpha_ms)),
-        (light(LightEffects::TEXTURES), "surfaces", count(|r| r.textured), mean(|r| r.textures_ms)),
-        (light(LightEffects::SHADOWS), "rays", count(|r| r.rays_shadow), mean(|r| r.shadow_ms)),
-        (light(LightEffects::MIRROR), "rays", count(|r| r.rays_mirror), mean(|r| r.mirror_ms)),
-        (ambient, "rays", count(|r| r.rays_ambient_occlusion), mean(|r| r.ambient_occlusion_ms)),
-        (bounces, "rays", count(|r| r.rays_bounce), mean(|r| r.diffuse_bounces_ms)),
+    // Of each of `FrameStage::ALL`.
+    let columns = [
+        ("vertices", count(|r| r.vertices_blended), mean(|r| r.blend_ms)),
+        ("displacements", count(|r| r.vertices_morphed), mean(|r| r.morph_ms)),
+        ("vertices", count(|r| r.vertices_skinned), mean(|r| r.skin_ms)),
+        ("vertices", count(|r| r.vertices_rigid), mean(|r| r.rigid_ms)),
+        ("primitives", count(|r| r.primitives_refit), mean_update_ms(rows)),
+        ("rays", count(|r| r.rays_primary), mean(|r| r.primary_ms)),
+        ("rays again", count(|r| r.rays_again), mean(|r| r.alpha_ms)),
+        ("surfaces", count(|r| r.textured), mean(|r| r.textures_ms)),
+        ("rays", count(|r| r.rays_shadow), mean(|r| r.shadow_ms)),
+        ("rays", count(|r| r.rays_mirror), mean(|r| r.mirror_ms)),
+        ("rays", count(|r| r.rays_ambient_occlusion), mean(|r| r.ambient_occlusion_ms)),
+        ("rays", count(|r| r.rays_bounce), mean(|r| r.diffuse_bounces_ms)),
     ];
-    all.into_iter()
-        .map(|(stage, counts, count, mean_ms)| {
-            let (stage, counts) = (stage.name(), counts.to_owned());
-            StageSummary { stage, counts, count, mean_ms }
-        })
-        .filter(|summary| summary.count > 0 || planned.contains(&summary.stage))
-        .collect()
+    let summary = |(stage, (counts, count, mean_ms)): (FrameStage, (&str, u64, f64))| StageSummary {
+        stage: stage.name(),
+        counts: counts.to_owned(),
+        count,
+        mean_ms,
+    };
+    let all = FrameStage::ALL.into_iter().zip(columns).map(summary);
+    all.filter(|summary| summary.count > 0 || planned.contains(&summary.stage)).collect()
 }
 
 /// Primitives whose boxes an update asks for: those of leaves that move, or all for a new tree, be
@@ -116,10 +116,11 @@ impl Row {
 mod tests {
     use std::sync::atomic::{AtomicU64, Ordering};
 
+    use anim::Motion;
     use bvh_core::{Aabb, Primitives, Triangles};
     use bvh_update::{Rotate, Strategy, Updater};
     use rt_cpu::{Image, StageTimes, render};
-    use scenes::{Scene, SceneOptions};
+    use scenes::{LightEffects, Scene, SceneOptions};
 
     use super::*;
     use crate::stage::{self, Stage};

@@ -68,11 +68,10 @@ impl SceneRun {
             let summary = strategy(name, &self.facts, &self.of(name))?;
             Some(StrategySummary { sah_over_sweep: over, decisions: decisions(self, name), ..summary })
         };
-        let strategies = names.iter().filter_map(summary).collect();
+        self.strategies = names.iter().filter_map(summary).collect();
         let rows = |frames| self.at_speed(frames, SPEED_STRATEGY);
         let at = |frames| Some((frames, strategy(SPEED_STRATEGY, &self.facts, &rows(frames))?));
-        let speeds = SPEEDS.into_iter().filter_map(at).collect();
-        (self.strategies, self.speed_summaries) = (strategies, speeds);
+        self.speed_summaries = SPEEDS.into_iter().filter_map(at).collect();
     }
 }
 

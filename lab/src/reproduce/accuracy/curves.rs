@@ -70,14 +70,6 @@ impl<'a> Curve<'a> {
     }
 }
 
-impl Family<'_> {
-    /// The factor within which errors are equal: 1 where they are exact.
-    fn noise(&self) -> f64 {
-        let points = self.curves.iter().flat_map(|curve| &curve.points);
-        points.filter_map(|point| point.noise).fold(1.0, f64::max)
-    }
-}
-
 /// Of points (cost, error), less of either being better: whether each is on the Pareto front, that
 /// is, none is at least as good in both and better in one, where errors that differ by no more than
 /// a factor `noise` are equal. Points that are not numbers never are. O(n log n).
@@ -134,8 +126,11 @@ fn cost_words(family: &Family<'_>) -> [&'static str; 2] {
 }
 
 fn front(family: &Family<'_>, curve: &Curve<'_>) -> Vec<bool> {
+    // The factor within which errors are equal: 1 where they are exact.
+    let all = family.curves.iter().flat_map(|curve| &curve.points);
+    let noise = all.filter_map(|point| point.noise).fold(1.0, f64::max);
     let places: Vec<_> = curve.points.iter().map(|point| (cost(point), point.error)).collect();
-    pareto_front(&places, family.noise())
+    pareto_front(&places, noise)
 }
 
 fn draw(family: &Family<'_>) -> Chart {

@@ -24,15 +24,8 @@ impl Primitives for Unguarded<'_> {
         self.0.indices.len()
     }
 
-    #[inline]
     fn bounds(&self, i: usize) -> Aabb {
-        let [min, max, _] = self.0.aabb_lanes(i);
-        Aabb::new(min.truncate(), max.truncate())
-    }
-
-    #[inline]
-    fn aabb(&self, i: usize) -> Aabb {
-        self.bounds(i)
+        self.0.bounds(i)
     }
 
     #[inline(always)]

@@ -7,7 +7,7 @@ use std::f64::consts::{PI, TAU};
 
 use anyhow::{Context, Result};
 use bvh_build::{Builder, build};
-use bvh_core::glam::DVec3;
+use bvh_core::glam::{DVec3, vec3};
 use bvh_core::{Triangles, Vec3};
 use rt_cpu::{
     AmbientOcclusion, Camera, DiffuseBounces, Effects, Image, Material, Mesh, PointLight, RenderOptions,
@@ -83,11 +83,6 @@ fn quads(all: &[[[f32; 3]; 4]]) -> Model {
 const GROUND: [[f32; 3]; 4] =
     [[-50.0, 0.0, -50.0], [-50.0, 0.0, 50.0], [50.0, 0.0, 50.0], [50.0, 0.0, -50.0]];
 
-/// A camera over the ground that looks at a place.
-fn camera(eye: [f32; 3], target: [f32; 3], up: Vec3, angle: f32, size: u32) -> Camera {
-    Camera::look_at(eye.into(), target.into(), up, angle, size, size)
-}
-
 /// Five white walls, open to a white sky: everything is white, however often light bounces.
 fn furnace(size: u32) -> Case {
     let [a, b, c, d] = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
@@ -100,7 +95,7 @@ fn furnace(size: u32) -> Case {
     Case {
         name: "white furnace",
         model: quads(&[&[floor][..], &sides].concat()),
-        camera: camera([0.5, 1.2, 0.5], [0.5, 0.0, 0.5], Vec3::Z, 0.7, size),
+        camera: Camera::look_at(vec3(0.5, 1.2, 0.5), vec3(0.5, 0.0, 0.5), Vec3::Z, 0.7, size, size),
         light: None,
         effects: Effects { diffuse_bounces, ..Effects::default() },
         default: ::stage::default_samples(LightEffects::DIFFUSE_BOUNCES),
@@ -116,7 +111,7 @@ fn lit_floor(size: u32) -> Case {
     Case {
         name: "lit floor beside a wall",
         model: quads(&[GROUND, wall]),
-        camera: camera([0.8, 2.0, 0.0], [0.8, 0.0, 0.0], Vec3::Z, 0.6, size),
+        camera: Camera::look_at(vec3(0.8, 2.0, 0.0), vec3(0.8, 0.0, 0.0), Vec3::Z, 0.6, size, size),
         light: Some(PointLight { position: SUN.as_vec3(), color: [1.0; 3] }),
         effects: Effects { ambient_occlusion, ..Effects::default() },
         default: ::stage::default_samples(LightEffects::AMBIENT_OCCLUSION),
@@ -132,7 +127,7 @@ fn shadow(size: u32) -> Case {
         name: "shadow of a sphere",
         model,
         // Below the sphere, which is out of the picture.
-        camera: camera([0.0, 0.65, 2.2], [-0.15, 0.0, -0.1], Vec3::Y, 0.45, size),
+        camera: Camera::look_at(vec3(0.0, 0.65, 2.2), vec3(-0.15, 0.0, -0.1), Vec3::Y, 0.45, size, size),
         light: Some(PointLight { position: LAMP.as_vec3(), color: [1.0; 3] }),
         effects: Effects::default(),
         default: 1,
@@ -180,8 +175,8 @@ impl Case {
         let white = [Material { color: [1.0; 3], ..Material::DEFAULT }];
         let material_of = vec![0; self.model.1.len()];
         let mesh = Mesh { materials: &white, material_of: &material_of, ..Mesh::new(self.triangles()) };
-        let (width, height) = (self.camera.width(), self.camera.height());
-        let (mut sum, mut image) = (Image::new(width, height), Image::new(width, height));
+        let mut sum = Image::new(self.camera.width(), self.camera.height());
+        let mut image = sum.clone();
         let (mut means, mut time_ms) = (Vec::new(), 0.0);
         for sample in 0..most as u32 {
             let options = RenderOptions { effects: self.effects, seed, sample, ..RenderOptions::default() };
