@@ -4,8 +4,6 @@
 //! The document is written as JSON text: with the types of `gltf-json`, which want every optional
 //! field of every object, this file was longer.
 
-use std::collections::BTreeMap;
-
 use bytemuck::NoUninit;
 use glam::{DQuat, Mat4, Vec3};
 use serde_json::{Value, json};
@@ -18,17 +16,11 @@ const U32: u32 = 5125;
 const F32: u32 = 5126;
 
 /// A file under construction. Things are named by their number in the order of their making.
-#[derive(Default)]
 pub(crate) struct Glb {
     /// Length of the clip.
     seconds: f32,
     bytes: Vec<u8>,
-    /// The lists of the document, by name; `lights`, `samplers` and `channels` lie deeper in it.
-    lists: BTreeMap<&'static str, Vec<Value>>,
-    /// Nodes without a parent.
-    roots: Vec<usize>,
-    /// The children of each node.
-    children: Vec<Vec<usize>>,
+    document: Value,
     /// Number of triangles of all meshes so far.
     pub(crate) triangles: usize,
 }
@@ -39,32 +31,31 @@ pub(crate) type Influence = ([u8; 4], [f32; 4]);
 impl Glb {
     /// Makes an empty file whose clip takes `seconds`.
     pub(crate) fn new(seconds: f32) -> Self {
-        Self { seconds, ..Self::default() }
-    }
-
-    /// Appends to a list and gives the number of what was appended.
-    fn push(&mut self, list: &'static str, value: Value) -> usize {
-        let list = self.lists.entry(list).or_default();
-        list.push(value);
-        list.len() - 1
-    }
-
-    /// Sets a property of something in a list.
-    fn set(&mut self, list: &'static str, number: usize, property: &str, value: Value) {
-        self.lists.entry(list).or_default()[number][property] = value;
+        let generator = concat!("Pivot scenes ", env!("CARGO_PKG_VERSION"));
+        let document = json!({
+            "asset": {"version": "2.0", "generator": generator},
+            "extensionsUsed": ["KHR_lights_punctual"],
+            "scene": 0,
+            "scenes": [{}],
+            "animations": [{"name": "dance"}],
+        });
+        Self { seconds, bytes: Vec::new(), document, triangles: 0 }
     }
 
     pub(crate) fn material(&mut self, [r, g, b]: [f32; 3]) -> usize {
         let pbr = json!({"baseColorFactor": [r, g, b, 1.0], "metallicFactor": 0.0});
-        self.push("materials", json!({"pbrMetallicRoughness": pbr}))
+        append(&mut self.document["materials"], json!({"pbrMetallicRoughness": pbr}))
     }
 
     /// A node below `parent`, or at the root.
     pub(crate) fn node(&mut self, name: &str, parent: Option<usize>, at: Vec3, turn: DQuat) -> usize {
         let node = json!({"name": name, "translation": at.to_array(), "rotation": turn.as_quat().to_array()});
-        let node = self.push("nodes", node);
-        self.children.push(Vec::new());
-        parent.map_or(&mut self.roots, |parent| &mut self.children[parent]).push(node);
+        let node = append(&mut self.document["nodes"], node);
+        let siblings = match parent {
+            None => &mut self.document["scenes"][0]["nodes"],
+            Some(parent) => &mut self.document["nodes"][parent]["children"],
+        };
+        append(siblings, json!(node));
         node
     }
 
@@ -94,8 +85,8 @@ impl Glb {
         let inverse: Vec<[f32; 16]> =
             places.iter().map(|&p| Mat4::from_translation(-p).to_cols_array()).collect();
         let matrices = self.accessor(&inverse, F32, "MAT4");
-        let skin = self.push("skins", json!({"joints": joints, "inverseBindMatrices": matrices}));
-        self.set("nodes", node, "skin", json!(skin));
+        let skin = json!({"joints": joints, "inverseBindMatrices": matrices});
+        self.document["nodes"][node]["skin"] = json!(append(&mut self.document["skins"], skin));
     }
 
     /// A node with a mesh with morph targets, each the positions of all vertices at full weight.
@@ -117,9 +108,8 @@ impl Glb {
     }
 
     fn show(&mut self, name: &str, parent: Option<usize>, mesh: Value) -> usize {
-        let mesh = self.push("meshes", mesh);
         let node = self.node(name, parent, Vec3::ZERO, DQuat::IDENTITY);
-        self.set("nodes", node, "mesh", json!(mesh));
+        self.document["nodes"][node]["mesh"] = json!(append(&mut self.document["meshes"], mesh));
         node
     }
 
@@ -134,8 +124,8 @@ impl Glb {
         let number = self.accessor(positions, F32, "VEC3");
         let low = positions.iter().fold(Vec3::MAX, |a, &b| a.min(b)).to_array();
         let high = positions.iter().fold(Vec3::MIN, |a, &b| a.max(b)).to_array();
-        self.set("accessors", number, "min", json!(low));
-        self.set("accessors", number, "max", json!(high));
+        self.document["accessors"][number]["min"] = json!(low);
+        self.document["accessors"][number]["max"] = json!(high);
         number
     }
 
@@ -144,10 +134,10 @@ impl Glb {
         let view = json!({"buffer": 0, "byteOffset": self.bytes.len(), "byteLength": bytes.len()});
         self.bytes.extend(bytes);
         self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
-        let view = self.push("bufferViews", view);
+        let view = append(&mut self.document["bufferViews"], view);
         let count = values.len();
         let accessor = json!({"bufferView": view, "componentType": component, "type": kind, "count": count});
-        self.push("accessors", accessor)
+        append(&mut self.document["accessors"], accessor)
     }
 
     /// Keys of a node's translation, evenly spaced over the clip.
@@ -171,52 +161,51 @@ impl Glb {
     fn channel<T: NoUninit>(&mut self, node: usize, path: &str, kind: &str, keys: usize, values: &[T]) {
         let times: Vec<f32> = (0..keys).map(|k| self.seconds * k as f32 / (keys - 1) as f32).collect();
         let input = self.accessor(&times, F32, "SCALAR");
-        self.set("accessors", input, "min", json!([0.0]));
-        self.set("accessors", input, "max", json!([self.seconds]));
+        self.document["accessors"][input]["min"] = json!([0.0]);
+        self.document["accessors"][input]["max"] = json!([self.seconds]);
         let output = self.accessor(values, F32, kind);
-        let sampler = self.push("samplers", json!({"input": input, "output": output}));
-        self.push("channels", json!({"sampler": sampler, "target": {"node": node, "path": path}}));
+        let clip = &mut self.document["animations"][0];
+        let sampler = append(&mut clip["samplers"], json!({"input": input, "output": output}));
+        let channel = json!({"sampler": sampler, "target": {"node": node, "path": path}});
+        append(&mut clip["channels"], channel);
     }
 
     pub(crate) fn camera(&mut self, eye: Vec3, target: Vec3, fov_y: f32) {
         let camera = json!({"type": "perspective", "perspective": {"yfov": fov_y, "znear": 0.01}});
-        let camera = self.push("cameras", camera);
         let back = (eye - target).normalize();
         let right = Vec3::Y.cross(back).normalize();
         let turn = DQuat::from_mat3(&glam::Mat3::from_cols(right, back.cross(right), back).as_dmat3());
         let node = self.node("camera", None, eye, turn);
-        self.set("nodes", node, "camera", json!(camera));
+        self.document["nodes"][node]["camera"] = json!(append(&mut self.document["cameras"], camera));
     }
 
     /// A white point light.
     pub(crate) fn point_light(&mut self, at: Vec3) {
-        let light = self.push("lights", json!({"type": "point", "color": [1.0, 1.0, 1.0]}));
+        let lights = &mut self.document["extensions"]["KHR_lights_punctual"]["lights"];
+        let light = append(lights, json!({"type": "point", "color": [1.0, 1.0, 1.0]}));
         let node = self.node("light", None, at, DQuat::IDENTITY);
-        self.set("nodes", node, "extensions", json!({"KHR_lights_punctual": {"light": light}}));
+        self.document["nodes"][node]["extensions"] = json!({"KHR_lights_punctual": {"light": light}});
     }
 
     /// The bytes of the .glb file.
     pub(crate) fn finish(mut self) -> Vec<u8> {
-        let children = std::mem::take(&mut self.children);
-        for (node, children) in children.iter().enumerate().filter(|(_, children)| !children.is_empty()) {
-            self.set("nodes", node, "children", json!(children));
-        }
-        let [lights, samplers, channels] =
-            ["lights", "samplers", "channels"].map(|list| self.lists.remove(list).unwrap_or_default());
-        let mut document = json!(self.lists);
-        document["asset"] =
-            json!({"version": "2.0", "generator": concat!("Pivot scenes ", env!("CARGO_PKG_VERSION"))});
-        document["extensionsUsed"] = json!(["KHR_lights_punctual"]);
-        document["extensions"] = json!({"KHR_lights_punctual": {"lights": lights}});
-        document["buffers"] = json!([{"byteLength": self.bytes.len()}]);
-        document["scenes"] = json!([{"nodes": self.roots}]);
-        document["scene"] = json!(0);
-        document["animations"] = json!([{"name": "dance", "samplers": samplers, "channels": channels}]);
-        let mut text = document.to_string().into_bytes();
+        self.document["buffers"] = json!([{"byteLength": self.bytes.len()}]);
+        let mut text = self.document.to_string().into_bytes();
         text.resize(text.len().next_multiple_of(4), b' ');
         let chunk = |kind: &[u8], bytes: &[u8]| [&(bytes.len() as u32).to_le_bytes(), kind, bytes].concat();
         let chunks = [chunk(b"JSON", &text), chunk(b"BIN\0", &self.bytes)].concat();
         let length = chunks.len() as u32 + 12;
         [&b"glTF"[..], &2_u32.to_le_bytes(), &length.to_le_bytes(), &chunks].concat()
     }
+}
+
+/// Appends to a list of the document, which begins with its first value, and gives the number of
+/// what was appended.
+fn append(list: &mut Value, value: Value) -> usize {
+    if list.is_null() {
+        *list = json!([]);
+    }
+    let list = list.as_array_mut().expect("only lists are appended to");
+    list.push(value);
+    list.len() - 1
 }
