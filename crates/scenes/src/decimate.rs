@@ -3,7 +3,7 @@
 //! scans.
 
 use std::cmp::Reverse;
-use std::collections::BinaryHeap;
+use std::collections::{BTreeSet, BinaryHeap};
 
 use glam::DVec3;
 use indexmap::IndexSet;
@@ -35,13 +35,12 @@ struct Simplifier {
     positions: Vec<DVec3>,
     quadrics: Vec<Quadric>,
     triangles: Vec<[u32; 3]>,
-    /// Triangles at each vertex, dead ones among them until the vertex is next visited.
+    /// Triangles at each vertex, but for collapsed ones.
     around: Vec<Vec<u32>>,
-    dead: Vec<bool>,
     /// Counts the changes of a vertex; an edge queued before its ends changed is out of date.
     version: Vec<u32>,
     /// The edges, the least error first.
-    queue: BinaryHeap<Reverse<Candidate>>,
+    queue: BinaryHeap<Candidate>,
     /// Error per length to the fourth of every edge, so that flat parts are not left with next to
     /// no triangles.
     evenness: f64,
@@ -49,7 +48,7 @@ struct Simplifier {
 
 /// Bits of an edge's error (never negative, so that they are in the order of the numbers), its two
 /// ends, and the sum of their versions, which only grow.
-type Candidate = (u32, u32, u32, u32);
+type Candidate = Reverse<(u32, u32, u32, u32)>;
 
 /// Collapses edges until at most `target` triangles are left, or no edge can go without folding the
 /// surface.
@@ -82,26 +81,24 @@ impl Simplifier {
                 around[v as usize].push(t as u32);
             }
         }
-        let count = positions.len();
         let mut s = Self {
+            version: vec![0; positions.len()],
             positions,
             quadrics,
             around,
             triangles: mesh.triangles.clone(),
-            dead: vec![false; mesh.triangles.len()],
-            version: vec![0; count],
             queue: BinaryHeap::new(),
             // Lets edges of flat parts grow to several times the length of those at curvature 1.
             evenness: 4e-5 * area / target.max(1) as f64,
         };
         let edges = mesh.triangles.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]);
-        s.queue = edges.filter(|(a, b)| a < b).map(|(a, b)| Reverse(s.candidate(a, b))).collect();
+        s.queue = edges.filter(|(a, b)| a < b).map(|(a, b)| s.candidate(a, b)).collect();
         s
     }
 
     fn candidate(&self, a: u32, b: u32) -> Candidate {
         let error = self.placed(a, b).1 as f32;
-        (error.to_bits(), a, b, self.versions(a, b))
+        Reverse((error.to_bits(), a, b, self.versions(a, b)))
     }
 
     fn versions(&self, a: u32, b: u32) -> u32 {
@@ -119,35 +116,26 @@ impl Simplifier {
 
     /// Collapses an edge, and with it two triangles, if the surface stays a surface.
     fn collapse(&mut self, a: u32, b: u32) -> bool {
-        for v in [a, b] {
-            let dead = &self.dead;
-            self.around[v as usize].retain(|&t| !dead[t as usize]);
-        }
         let (at, _) = self.placed(a, b);
         if !self.is_allowed(a, b, at) {
             return false;
         }
-        let moved = std::mem::take(&mut self.around[b as usize]);
-        for t in moved {
-            let triangle = &mut self.triangles[t as usize];
+        for t in std::mem::take(&mut self.around[b as usize]) {
+            let triangle = self.triangles[t as usize];
+            self.triangles[t as usize] = triangle.map(|v| if v == b { a } else { v });
             if triangle.contains(&a) {
-                self.dead[t as usize] = true;
+                // Left with two equal corners.
+                triangle.iter().for_each(|&v| self.around[v as usize].retain(|&other| other != t));
             } else {
-                for v in triangle.iter_mut().filter(|v| **v == b) {
-                    *v = a;
-                }
                 self.around[a as usize].push(t);
             }
         }
-        let dead = &self.dead;
-        self.around[a as usize].retain(|&t| !dead[t as usize]);
         self.positions[a as usize] = at;
         self.quadrics[a as usize] = sum(&self.quadrics[a as usize], &self.quadrics[b as usize]);
         self.version[a as usize] += 1;
         self.version[b as usize] += 1;
         for v in self.neighbours(a) {
-            let candidate = self.candidate(a.min(v), a.max(v));
-            self.queue.push(Reverse(candidate));
+            self.queue.push(self.candidate(a.min(v), a.max(v)));
         }
         true
     }
@@ -157,41 +145,30 @@ impl Simplifier {
     fn is_allowed(&self, a: u32, b: u32, at: DVec3) -> bool {
         let shared =
             self.around[a as usize].iter().filter(|&&t| self.triangles[t as usize].contains(&b)).count();
-        let beside = self.neighbours(a);
-        let common = self.neighbours(b).iter().filter(|v| beside.binary_search(v).is_ok()).count();
+        let common = self.neighbours(a).intersection(&self.neighbours(b)).count();
         shared == 2 && common == 2 && !self.turns_over(a, b, at) && !self.turns_over(b, a, at)
     }
 
     fn turns_over(&self, v: u32, other: u32, at: DVec3) -> bool {
-        self.around[v as usize]
-            .iter()
-            .map(|&t| self.triangles[t as usize])
-            .filter(|t| !t.contains(&other))
-            .any(|t| {
-                let [p, q, r] = t.map(|w| self.positions[w as usize]);
-                let [x, y, z] = t.map(|w| if w == v { at } else { self.positions[w as usize] });
-                let (before, after) = ((q - p).cross(r - p), (y - x).cross(z - x));
-                before.dot(after) <= 0.2 * before.length() * after.length()
-            })
+        let triangles = self.around[v as usize].iter().map(|&t| self.triangles[t as usize]);
+        triangles.filter(|t| !t.contains(&other)).any(|t| {
+            let [p, q, r] = t.map(|w| self.positions[w as usize]);
+            let [x, y, z] = t.map(|w| if w == v { at } else { self.positions[w as usize] });
+            let (before, after) = ((q - p).cross(r - p), (y - x).cross(z - x));
+            before.dot(after) <= 0.2 * before.length() * after.length()
+        })
     }
 
-    /// Neighbours of a vertex without dead triangles, in ascending order.
-    fn neighbours(&self, v: u32) -> Vec<u32> {
-        let mut all: Vec<u32> = self.around[v as usize]
-            .iter()
-            .flat_map(|&t| self.triangles[t as usize])
-            .filter(|&w| w != v)
-            .collect();
-        all.sort_unstable();
-        all.dedup();
-        all
+    fn neighbours(&self, v: u32) -> BTreeSet<u32> {
+        let triangles = self.around[v as usize].iter().map(|&t| self.triangles[t as usize]);
+        triangles.flatten().filter(|&w| w != v).collect()
     }
 
     /// The triangles left, with vertices renumbered in order of first use.
     fn finish(self) -> Mesh {
         let mut used = IndexSet::new();
-        let left = self.triangles.iter().zip(&self.dead).filter(|(_, dead)| !**dead);
-        let triangles = left.map(|(t, _)| t.map(|v| used.insert_full(v).0 as u32)).collect();
+        let left = self.triangles.iter().filter(|&&[a, b, c]| a != b && b != c && c != a);
+        let triangles = left.map(|t| t.map(|v| used.insert_full(v).0 as u32)).collect();
         let positions = used.iter().map(|&v| self.positions[v as usize].as_vec3()).collect();
         Mesh { positions, triangles }
     }
