@@ -83,14 +83,13 @@ impl Cloth {
     /// Moves all particles by their velocities, which air slows.
     pub(crate) fn drift(&mut self) -> usize {
         let (dt, top_speed, kept) = (self.dt, self.top_speed, 1.0 - DRAG * self.dt);
-        (&mut self.positions, &mut self.before, &mut self.velocities)
-            .into_par_iter()
-            .with_min_len(4096)
-            .for_each(|(x, before, v)| {
-                *v = v.clamp_length_max(top_speed) * kept;
-                *before = *x;
-                *x += *v * dt;
-            });
+        let drift = |(x, before, v): (&mut DVec3, &mut DVec3, &mut DVec3)| {
+            *v = v.clamp_length_max(top_speed) * kept;
+            *before = *x;
+            *x += *v * dt;
+        };
+        let particles = (&mut self.positions, &mut self.before, &mut self.velocities);
+        particles.into_par_iter().with_min_len(4096).for_each(drift);
         self.positions.len()
     }
 
@@ -107,10 +106,8 @@ impl Cloth {
     /// Makes the velocities those of the way that all particles have gone in this step.
     pub(crate) fn set_velocities(&mut self) {
         let dt = self.dt;
-        (&mut self.velocities, &self.positions, &self.before)
-            .into_par_iter()
-            .with_min_len(4096)
-            .for_each(|(v, &x, &before)| *v = (x - before) / dt);
+        let particles = (&mut self.velocities, &self.positions, &self.before).into_par_iter();
+        particles.with_min_len(4096).for_each(|(v, &x, &before)| *v = (x - before) / dt);
     }
 
     /// One sweep over all distance constraints, whose number it gives.
@@ -122,41 +119,32 @@ impl Cloth {
         let (one, two) = (self.spacing, 2.0 * self.spacing);
         let diagonal = self.spacing * std::f64::consts::SQRT_2;
         let [stretch, shear, bend] = [STRETCH, SHEAR, BEND].map(|c| c / (dt * dt));
+        // The ends of each kind of constraint, counted from a particle; the columns and rows that
+        // it reaches over; its length, and its compliance over the step squared.
+        let kinds = [
+            ([0, 1], [1, 0], one, stretch),
+            ([0, side], [0, 1], one, stretch),
+            ([0, side + 1], [1, 1], diagonal, shear),
+            ([1, side], [1, 1], diagonal, shear),
+            ([0, 2], [2, 0], two, bend),
+            ([0, 2 * side], [0, 2], two, bend),
+        ];
         let sweep = |strip: &mut [DVec3]| {
-            let (mut count, len) = (0, strip.len());
-            let mut hold = |i, j, rest, give| {
-                hold(strip, i, j, rest, give);
-                count += 1;
-            };
-            let rows = len / side;
-            for row in 0..rows.min(2) {
-                let (below, below2) = (row + 1 < rows, row + 2 < rows);
-                for i in row * side..(row + 1) * side {
-                    let right = (row + 1) * side - i - 1;
-                    if right > 0 {
-                        hold(i, i + 1, one, stretch);
-                    }
-                    if below {
-                        hold(i, i + side, one, stretch);
-                    }
-                    if below && right > 0 {
-                        hold(i, i + side + 1, diagonal, shear);
-                        hold(i + 1, i + side, diagonal, shear);
-                    }
-                    if right > 1 {
-                        hold(i, i + 2, two, bend);
-                    }
-                    if below2 {
-                        hold(i, i + 2 * side, two, bend);
+            let (mut count, rows) = (0, strip.len() / side);
+            for (row, column) in (0..rows.min(2)).flat_map(|row| (0..side).map(move |column| (row, column))) {
+                for &(ends, [across, down], rest, give) in &kinds {
+                    if column + across < side && row + down < rows {
+                        let [i, j] = ends.map(|end| row * side + column + end);
+                        hold(strip, i, j, rest, give);
+                        count += 1;
                     }
                 }
             }
             count
         };
-        [0, 2]
-            .into_iter()
-            .map(|first| self.positions[first * side..].par_chunks_mut(4 * side).map(sweep).sum::<usize>())
-            .sum()
+        let mut pass =
+            |first: usize| self.positions[first * side..].par_chunks_mut(4 * side).map(sweep).sum::<usize>();
+        pass(0) + pass(2)
     }
 
     /// Moves particles of folds that are too close apart, all at once, and slows them relative to
@@ -165,27 +153,22 @@ impl Cloth {
         const FRICTION: f64 = 0.1;
         let thickness = self.thickness;
         let (now, before, neighbours) = (&self.positions, &self.before, &self.neighbours);
-        let moves: Vec<DVec3> = (0..now.len())
-            .into_par_iter()
-            .with_min_len(1024)
-            .map(|i| {
-                let mut sum = DVec3::ZERO;
-                let mut count = 0.0_f64;
-                for &j in &neighbours[i] {
-                    let j = j as usize;
-                    let apart = now[i] - now[j];
-                    let squared = apart.length_squared();
-                    if squared < thickness * thickness && squared > 0.0 {
-                        let distance = squared.sqrt();
-                        let slip = (now[i] - before[i]) - (now[j] - before[j]);
-                        sum += apart * (0.5 * (thickness - distance) / distance) - slip * (0.5 * FRICTION);
-                        count += 1.0;
-                    }
+        let moved_by = |i: usize| {
+            let (mut sum, mut count) = (DVec3::ZERO, 0.0_f64);
+            for j in neighbours[i].iter().map(|&j| j as usize) {
+                let apart = now[i] - now[j];
+                let squared = apart.length_squared();
+                if squared < thickness * thickness && squared > 0.0 {
+                    let distance = squared.sqrt();
+                    let slip = (now[i] - before[i]) - (now[j] - before[j]);
+                    sum += apart * (0.5 * (thickness - distance) / distance) - slip * (0.5 * FRICTION);
+                    count += 1.0;
                 }
-                // Each pair alone would be resolved fully; their mean is stable where many act.
-                sum / count.max(1.0)
-            })
-            .collect();
+            }
+            // Each pair alone would be resolved fully; their mean is stable where many act.
+            sum / count.max(1.0)
+        };
+        let moves: Vec<DVec3> = (0..now.len()).into_par_iter().with_min_len(1024).map(moved_by).collect();
         for (x, &m) in self.positions.iter_mut().zip(&moves) {
             *x += m;
         }
