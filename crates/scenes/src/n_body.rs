@@ -64,17 +64,16 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Scene {
     let colors = [[0.85, 0.3, 0.2], [0.9, 0.7, 0.25], [0.25, 0.5, 0.8], [0.35, 0.7, 0.4], [0.85, 0.85, 0.8]]
         .map(|color| assembly.material(color));
     let stone = assembly.material([0.55, 0.55, 0.6]);
-    let moving = Motion::RIGID;
     let steps = (16.0 * options.detail.unwrap_or(1.0).sqrt()).round().max(4.0) as usize;
     for (&radius, &color) in radii.iter().zip(colors.iter().cycle()) {
-        assembly.part("ball", &sphere(radius, steps, steps), moving, color);
+        assembly.part("ball", &sphere(radius, steps, steps), Motion::RIGID, color);
     }
     for (x, z, radius, height) in PILLARS {
         let foot = Vec3::new(x as f32, 0.0, z as f32);
         let pillar = turned(&pillar_profile(radius as f32, height as f32), 31).moved(|p| p + foot);
         assembly.part("pillar", &pillar, Motion::empty(), stone);
     }
-    let key_bytes = size_of_val(&keys[..]);
+    let key_bytes = keys.len() * size_of_val(&keys[0][..]);
     let normals = normals(&assembly.topology.triangles, &assembly.positions);
     let animation = RigidBodies::new(assembly, normals, keys, SECONDS);
     let seen = (Vec3::new(7.0, 10.5, 18.0), Vec3::new(0.0, 4.4, 0.0));
@@ -105,9 +104,7 @@ fn first_balls(seed: u64) -> Vec<Ball> {
         let velocity = DVec3::new(normal(), normal(), normal());
         let ball = Ball { radius, mass: (radius / 0.3).powi(3), position, velocity };
         let free = balls.iter().all(|b| b.position.distance(position) > b.radius + radius)
-            && PILLARS
-                .iter()
-                .all(|&p| (ball.position - nearest_on_axis(p, position)).length() > p.2 + radius);
+            && PILLARS.iter().all(|&p| position.distance(nearest_on_axis(p, position)) > p.2 + radius);
         if free {
             balls.push(ball);
         }
@@ -130,7 +127,7 @@ struct World {
     /// Energy at first, and what its drift is measured by.
     first: (f64, f64),
     drift: f64,
-    keys: Vec<Key>,
+    keys: Vec<Vec<Key>>,
 }
 
 impl simulation::World for World {
@@ -150,7 +147,7 @@ impl simulation::World for World {
     fn record(&mut self, _: usize) {
         // Frictionless balls never begin to spin.
         let key = |ball: &Ball| (ball.position.as_vec3().to_array(), Quat::IDENTITY.to_array());
-        self.keys.extend(self.balls.iter().map(key));
+        self.keys.push(self.balls.iter().map(key).collect());
         let (first, scale) = self.first;
         self.drift = self.drift.max(((self.potential + kinetic(&self.balls) - first) / scale).abs());
     }
@@ -166,7 +163,7 @@ impl World {
     }
 }
 
-fn simulate(keys: usize, substeps: usize, options: &SceneOptions<'_>) -> Record<(Vec<f32>, Vec<Key>)> {
+fn simulate(keys: usize, substeps: usize, options: &SceneOptions<'_>) -> Record<(Vec<f32>, Vec<Vec<Key>>)> {
     let balls = first_balls(options.seed);
     let mut force = vec![DVec3::ZERO; BALLS];
     let potential = gravity(&balls, &mut force);

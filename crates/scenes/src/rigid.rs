@@ -25,10 +25,6 @@ impl Placement {
         (self.position.to_array(), self.rotation.as_quat().to_array())
     }
 
-    fn of(&(position, rotation): &Key) -> Self {
-        Self { position: position.into(), rotation: Quat::from_array(rotation).as_dquat() }
-    }
-
     /// A direction of the body, in the world.
     pub(crate) fn turned(&self, direction: Vec3) -> Vec3 {
         rotated(self.rotation, direction)
@@ -37,19 +33,6 @@ impl Placement {
     /// A direction in the world, of the body.
     pub(crate) fn turned_back(&self, direction: Vec3) -> Vec3 {
         rotated(self.rotation.conjugate(), direction)
-    }
-
-    /// The rotation as a matrix, for many points.
-    fn matrix(&self) -> Mat3 {
-        Mat3::from_quat(self.rotation.as_quat())
-    }
-
-    /// Straight between positions, along the shorter arc between rotations.
-    fn blend(self, to: Self, s: f32) -> Self {
-        Self {
-            position: self.position.lerp(to.position, s),
-            rotation: self.rotation.lerp(to.rotation, s.into()),
-        }
     }
 }
 
@@ -78,45 +61,47 @@ pub(crate) struct RigidBodies {
     pub(crate) normals: Vec<Vec3>,
     /// Body of each vertex that moves; the still vertices come after them.
     body: Vec<u32>,
-    bodies: usize,
-    /// `bodies` for each key frame.
-    pub(crate) keys: Vec<Key>,
+    /// Key frames, at least two, each with a key for each body.
+    keys: Vec<Vec<Key>>,
 }
 
 impl RigidBodies {
     /// The moving parts of `assembly`, which come before the still ones, a body each.
-    pub(crate) fn new(assembly: Assembly, normals: Vec<Vec3>, keys: Vec<Key>, seconds: f64) -> Self {
+    pub(crate) fn new(assembly: Assembly, normals: Vec<Vec3>, keys: Vec<Vec<Key>>, seconds: f64) -> Self {
         let Assembly { topology, positions: local } = assembly;
         let moving = topology.parts.iter().filter(|part| part.motion.contains(Motion::RIGID));
-        let bodies = moving.clone().count();
         let body = (0..).zip(moving).flat_map(|(i, part)| repeat_n(i, part.vertices.len())).collect();
         let mut rest = local.clone();
         let model = Model { topology, duration: seconds, ..Model::default() };
-        let mut animation = Self { model, local, normals, body, bodies, keys };
+        let mut animation = Self { model, local, normals, body, keys };
         animation.place(0.0, &mut rest);
         animation.model.rest = rest;
         animation
     }
 
-    /// Where each body is.
-    fn placements(&self, time: f64) -> Vec<Placement> {
-        let (frame, s) = key_at(time / self.model.duration, self.keys.len() / self.bodies);
-        let from = &self.keys[frame * self.bodies..];
-        let pairs = from.iter().zip(&from[self.bodies..]).take(self.bodies);
-        pairs.map(|(from, to)| Placement::of(from).blend(Placement::of(to), s)).collect()
+    /// Position and rotation of each body: straight between positions of key frames, along the
+    /// shorter arc between rotations.
+    fn placements(&self, time: f64) -> Vec<(Vec3, Mat3)> {
+        let last = self.keys.len() - 1;
+        let at = self.model.clamp(time) / self.model.duration * last as f64;
+        let frame = (at as usize).min(last - 1);
+        let s = (at - frame as f64) as f32;
+        let blend = |(&(from, from_turn), &(to, to_turn)): (&Key, &Key)| {
+            let [a, b] = [from_turn, to_turn].map(|turn| Quat::from_array(turn).as_dquat());
+            (Vec3::from(from).lerp(to.into(), s), Mat3::from_quat(a.lerp(b, s.into()).as_quat()))
+        };
+        self.keys[frame].iter().zip(&self.keys[frame + 1]).map(blend).collect()
     }
 
     /// Writes the vertices of all bodies and gives their number.
     fn place(&self, time: f64, positions: &mut [Vec3]) -> usize {
-        let placed: Vec<_> = self.placements(time).iter().map(|p| (p.position, p.matrix())).collect();
+        let placed = self.placements(time);
         let moving = self.body.len();
-        (&mut positions[..moving], &self.local[..moving], &self.body)
-            .into_par_iter()
-            .with_min_len(8192)
-            .for_each(|(p, &local, &body)| {
-                let (position, matrix) = placed[body as usize];
-                *p = position + matrix * local;
-            });
+        let vertices = (&mut positions[..moving], &self.local[..moving], &self.body).into_par_iter();
+        vertices.with_min_len(8192).for_each(|(p, &local, &body)| {
+            let (position, matrix) = placed[body as usize];
+            *p = position + matrix * local;
+        });
         moving
     }
 }
@@ -137,20 +122,10 @@ impl Animation for RigidBodies {
 
     fn normals(&self, time: f64, normals: &mut [Vec3]) {
         normals.copy_from_slice(&self.normals);
-        let placed: Vec<_> = self.placements(time).iter().map(Placement::matrix).collect();
+        let placed = self.placements(time);
         for (normal, &body) in normals.iter_mut().zip(&self.body) {
-            *normal = placed[body as usize] * *normal;
+            let (_, rotation) = placed[body as usize];
+            *normal = rotation * *normal;
         }
     }
-}
-
-/// The key frame at or before a fraction of the loop, but never the last, and the fraction of the
-/// way to the next.
-///
-/// Fractions outside of 0 to 1 are clamped, NaN is 0. There are at least two key frames.
-fn key_at(fraction: f64, keys: usize) -> (usize, f32) {
-    let fraction = if fraction > 0.0 { fraction.min(1.0) } else { 0.0 };
-    let at = fraction * (keys - 1) as f64;
-    let frame = (at as usize).min(keys - 2);
-    (frame, (at - frame as f64) as f32)
 }

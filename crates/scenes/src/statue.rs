@@ -67,11 +67,16 @@ impl Statue {
         let parameters =
             format!("{} seed {} keys {keys} substeps {substeps} detail {detail}", info.name, options.seed);
         let dt = self.seconds as f32 / ((keys - 1) * substeps) as f32;
-        let simulate = || Breaking::new(self, detail, dt, options.seed).simulate(keys, substeps, options);
-        let (record, notes) = recorded(&parameters, options, simulate);
+        let (record, notes) = recorded(&parameters, options, || {
+            let mut breaking = Breaking::new(self, detail, dt, options.seed);
+            let stats = simulation::simulate(&mut breaking, keys, substeps, options);
+            let name = "greatest depth below the ground, a length".to_owned();
+            let measures = vec![Measure { name, value: breaking.depth.into() }];
+            Record { data: breaking.pieces, measures, stats }
+        });
         let Record { data, measures, stats } = record;
+        let key_bytes = keys * size_of_val(&data.keys[0][..]);
         let animation = self.playback(data);
-        let key_bytes = size_of_val(&animation.keys[..]);
         let scene = Scene::new(info, Box::new(animation), self.seen, 42_f32.to_radians(), self.light);
         Scene { key_bytes, measures, simulated: stats, notes, ..scene }
     }
@@ -80,11 +85,10 @@ impl Statue {
     fn playback(&self, Pieces { meshes, welds, keys }: Pieces) -> RigidBodies {
         let mut assembly = Assembly::default();
         let [statue, stone, earth] = self.colors.map(|color| assembly.material(color));
-        let moving = Motion::RIGID;
         let count = meshes.len();
         for (i, mesh) in meshes.iter().enumerate() {
             let (name, material) = if i + 1 < count { ("shard", statue) } else { ("stone", stone) };
-            assembly.part(name, mesh, moving, material);
+            assembly.part(name, mesh, Motion::RIGID, material);
         }
         assembly.part("ground", &shape::square(self.ground, 16), Motion::empty(), earth);
         let mut animation = RigidBodies::new(assembly, Vec::new(), keys, self.seconds);
@@ -133,7 +137,7 @@ struct Pieces {
     /// Of each vertex of the shards, which others it shares its normal with; see [`shards`].
     welds: Vec<u32>,
     /// Those of all bodies for each key frame.
-    keys: Vec<Key>,
+    keys: Vec<Vec<Key>>,
 }
 
 /// A statue in pieces, with the stone that breaks it behind them.
@@ -143,8 +147,8 @@ struct Breaking {
     pieces: Pieces,
     /// For each piece, those that touch it.
     beside: Vec<BTreeSet<usize>>,
-    /// Whether each piece rests on the ground at first.
-    rests: Vec<bool>,
+    /// The pieces that rest on the ground at first.
+    resting: Vec<usize>,
     /// Where the stone hit first, and when each piece is to break off; `None` before it has hit.
     hit: Option<(Vec3, Vec<f32>)>,
     random: fastrand::Rng,
@@ -161,8 +165,8 @@ impl World for Breaking {
     ];
 
     fn record(&mut self, _: usize) {
+        self.pieces.keys.push(self.world.bodies.iter().map(|body| body.at.key()).collect());
         for (body, mesh) in self.world.bodies.iter().zip(&self.pieces.meshes) {
-            self.pieces.keys.push(body.at.key());
             if body.is_low() {
                 let depths = mesh.positions.iter().map(|&p| -(body.at.position.y + body.at.turned(p).y));
                 self.depth = depths.fold(self.depth, f32::max);
@@ -184,7 +188,7 @@ impl Breaking {
         let (shards, welds): (Vec<Mesh>, Vec<Vec<u32>>) = shards.into_iter().unzip();
         let lowest = |m: &Mesh| m.positions.iter().map(|p| p.y).fold(f32::MAX, f32::min);
         let beside = adjacent_patches(&surface, &patch, count);
-        let rests = shards.iter().map(|m| lowest(m) < statue.thickness).collect();
+        let resting = (0..count).filter(|&i| lowest(&shards[i]) < statue.thickness).collect();
         let shard_triangles: usize = shards.iter().map(|m| m.triangles.len()).sum();
         let (mut bodies, mut meshes): (Vec<Body>, Vec<Mesh>) =
             shards.into_iter().map(|mesh| Body::new(mesh, 1.0)).unzip();
@@ -196,21 +200,13 @@ impl Breaking {
         meshes.push(mesh);
         let world = Bodies::new(bodies, 4.0 * statue.thickness, dt);
         let pieces = Pieces { meshes, welds: welds.concat(), keys: Vec::new() };
-        Self { statue, world, pieces, beside, rests, hit: None, random, depth: 0.0 }
-    }
-
-    /// Breaks the statue.
-    fn simulate(mut self, keys: usize, substeps: usize, options: &SceneOptions<'_>) -> Record<Pieces> {
-        let stats = simulation::simulate(&mut self, keys, substeps, options);
-        let name = "greatest depth below the ground, a length".to_owned();
-        let measures = vec![Measure { name, value: self.depth.into() }];
-        Record { data: self.pieces, measures, stats }
+        Self { statue, world, pieces, beside, resting, hit: None, random, depth: 0.0 }
     }
 
     /// Frees the pieces whose time has come, that the stone hits, or that nothing holds up any
     /// more. Gives their number.
     fn break_off(&mut self, step: usize) -> usize {
-        let Self { statue, beside, rests, hit, random, world, .. } = self;
+        let Self { statue, beside, resting, hit, random, world, .. } = self;
         let time = step as f32 * world.dt;
         let Some((stone, shards)) = world.bodies.split_last_mut() else { return 0 };
         let touches =
@@ -225,8 +221,7 @@ impl Breaking {
         let mut loose: Vec<bool> =
             (0..shards.len()).map(|i| shards[i].free || touched[i] || due[i] <= time).collect();
         if step.is_multiple_of(SUPPORT) {
-            let held = held_up(beside, rests, &loose);
-            loose = held.into_iter().map(|held| !held).collect();
+            loose = unsupported(beside, resting, &loose);
         }
         let mut freed = 0;
         for ((body, loose), touched) in shards.iter_mut().zip(loose).zip(touched) {
@@ -272,19 +267,16 @@ fn adjacent_patches(mesh: &Mesh, patch: &[u32], count: usize) -> Vec<BTreeSet<us
     beside
 }
 
-/// Which patches are joined to one that rests on the ground by patches that are not loose.
-fn held_up(beside: &[BTreeSet<usize>], rests: &[bool], loose: &[bool]) -> Vec<bool> {
-    let mut held: Vec<bool> = rests.iter().zip(loose).map(|(&rests, &loose)| rests && !loose).collect();
-    let mut queue: Vec<usize> = (0..held.len()).filter(|&i| held[i]).collect();
+/// Whether each patch lacks a way to one that rests on the ground, over patches that are not loose.
+fn unsupported(beside: &[BTreeSet<usize>], resting: &[usize], loose: &[bool]) -> Vec<bool> {
+    let mut unsupported = vec![true; loose.len()];
+    let mut queue = resting.to_vec();
     while let Some(i) = queue.pop() {
-        for &j in &beside[i] {
-            if !held[j] && !loose[j] {
-                held[j] = true;
-                queue.push(j);
-            }
+        if !loose[i] && std::mem::take(&mut unsupported[i]) {
+            queue.extend(&beside[i]);
         }
     }
-    held
+    unsupported
 }
 
 #[cfg(test)]
