@@ -45,10 +45,6 @@ pub fn distance(coarse: &dyn Animation, fine: &dyn Animation, samples: usize) ->
         }
     }
     let extent = f64::from(low.distance(high));
-    let fraction = |squared: f64| squared.sqrt() / extent;
-    (count > 0 && extent > 0.0).then(|| Distance {
-        rms: fraction(sum / count as f64),
-        max: fraction(max),
-        extent,
-    })
+    let [rms, max] = [sum / count as f64, max].map(|squared| squared.sqrt() / extent);
+    (count > 0 && extent > 0.0).then_some(Distance { rms, max, extent })
 }

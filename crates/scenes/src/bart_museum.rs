@@ -41,8 +41,10 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
 /// Steps about the axes of pillars and pedestal, and of posts.
 const STEPS: usize = 33;
 const POST_STEPS: usize = 12;
-/// Posts about the pedestal.
+/// Posts about the pedestal, and their profile.
 const POSTS: usize = 16;
+const POST: [(f32, f32); 8] =
+    [(0.0, 0.8), (0.05, 0.76), (0.03, 0.7), (0.03, 0.3), (0.05, 0.2), (0.03, 0.1), (0.08, 0.0), (0.0, 0.0)];
 /// About as many as the original has, 10,284: walls and flats, pillars, pedestal, posts, paintings.
 const ROOM_TRIANGLES: usize = 4 * SIDES + 8 * 28 * STEPS + 12 * STEPS + POSTS * 12 * POST_STEPS + 6 * 12;
 
@@ -73,9 +75,8 @@ pub(crate) fn scene(options: &SceneOptions<'_>, start: usize) -> Result<Scene, S
 
     let mut assembly = Assembly::default();
     let bronze = assembly.material([0.75, 0.45, 0.2]);
-    let triangle = |k: u32| [3 * k, 3 * k + 1, 3 * k + 2];
-    let sculpture =
-        Mesh { positions: shapes[0].concat(), triangles: (0..count as u32).map(triangle).collect() };
+    let mut sculpture = Mesh::default();
+    sculpture.add(&shapes[0]);
     assembly.part("sculpture", &sculpture, Motion::KEY_FRAMES, bronze);
     furnish(&mut assembly);
     let still = &assembly.positions[3 * count..];
@@ -153,13 +154,11 @@ fn knot(less: u32) -> Vec<Corners> {
         let (sin, cos) = libm::sincosf(TAU * j as f32 / around as f32);
         curve(u) + 0.2 * (cos * side + sin * side.cross(tangent))
     };
-    let quads = (0..along).flat_map(|i| (0..around).map(move |j| (i, j)));
-    quads
-        .flat_map(|(i, j)| {
-            let [a, b, c, d] = [point(i, j), point(i + 1, j), point(i, j + 1), point(i + 1, j + 1)];
-            [[a, c, b], [b, c, d]]
-        })
-        .collect()
+    let quad = |(i, j)| {
+        let [a, b, c, d] = [point(i, j), point(i + 1, j), point(i, j + 1), point(i + 1, j + 1)];
+        [[a, c, b], [b, c, d]]
+    };
+    (0..along).flat_map(|i| (0..around).map(move |j| (i, j))).flat_map(quad).collect()
 }
 
 fn furnish(assembly: &mut Assembly) {
@@ -181,35 +180,22 @@ fn furnish(assembly: &mut Assembly) {
     let profile =
         [(0.0, top), (0.6, top), (0.6, 1.3), (0.45, 1.2), (0.5, foot), (0.75, foot), (0.75, 0.0), (0.0, 0.0)];
     assembly.part("pedestal", &turned(&profile, STEPS), Motion::empty(), stone);
+    // A capital, and a shaft that swells a little.
+    let shaft = (0..12).map(|i| {
+        let up = 1.0 - i as f32 / 11.0;
+        (0.25 - 0.03 * up * up, (HEIGHT - 0.3) * up)
+    });
+    let capital = [(0.0, HEIGHT), (0.3, HEIGHT)].into_iter();
+    let pillar: Vec<_> = capital.chain(shaft).chain([(0.28, 0.0), (0.0, 0.0)]).collect();
+    let pillar = turned(&pillar, STEPS);
     for k in 0..8 {
-        // A capital, and a shaft that swells a little.
-        let shaft = (0..12).map(|i| {
-            let up = 1.0 - i as f32 / 11.0;
-            (0.25 - 0.03 * up * up, (HEIGHT - 0.3) * up)
-        });
-        let profile: Vec<_> = [(0.0, HEIGHT), (0.3, HEIGHT)]
-            .into_iter()
-            .chain(shaft)
-            .chain([(0.28, 0.0), (0.0, 0.0)])
-            .collect();
         let place = 0.86 * RADIUS * around(TAU * (k as f32 + 0.5) / 8.0);
-        let pillar = turned(&profile, STEPS).moved(|p| p + place);
-        assembly.part("pillar", &pillar, Motion::empty(), stone);
+        assembly.part("pillar", &pillar.clone().moved(|p| p + place), Motion::empty(), stone);
     }
-    let post = [
-        (0.0, 0.8),
-        (0.05, 0.76),
-        (0.03, 0.7),
-        (0.03, 0.3),
-        (0.05, 0.2),
-        (0.03, 0.1),
-        (0.08, 0.0),
-        (0.0, 0.0),
-    ];
+    let post = turned(&POST, POST_STEPS);
     for k in 0..POSTS {
         let place = 1.9 * around(TAU * k as f32 / POSTS as f32);
-        let post = turned(&post, POST_STEPS).moved(|p| p + place);
-        assembly.part("post", &post, Motion::empty(), frame);
+        assembly.part("post", &post.clone().moved(|p| p + place), Motion::empty(), frame);
     }
     for k in 0..6 {
         let turn = rotation(Vec3::Y, TAU * k as f32 / 6.0);

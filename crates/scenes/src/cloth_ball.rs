@@ -43,12 +43,11 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     let (Record { data: frames, measures, stats }, notes) =
         recorded(&parameters, options, || simulate(side, keys, substeps, options));
 
-    let moving = Motion::KEY_FRAMES;
     let mut assembly = Assembly::default();
     let fabric = assembly.material([0.65, 0.2, 0.22]);
     let ball = assembly.material([0.8, 0.75, 0.6]);
-    assembly.part("cloth", &flat(side, options.seed), moving, fabric);
-    assembly.part("ball", &sphere(RADIUS as f32, 20, 20), moving, ball);
+    assembly.part("cloth", &flat(side, options.seed), Motion::KEY_FRAMES, fabric);
+    assembly.part("ball", &sphere(RADIUS as f32, 20, 20), Motion::KEY_FRAMES, ball);
     let seconds_per_key = SECONDS / (keys - 1) as f64;
     let key_bytes = keys * size_of::<Vec3>() * assembly.positions.len();
     let animation = KeyFrames::new(assembly.topology, frames, seconds_per_key)?;

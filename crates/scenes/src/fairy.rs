@@ -44,10 +44,7 @@ pub(crate) fn add(glb: &mut Glb, place: Vec3) {
     let root = glb.node("fairy", None, place, DQuat::IDENTITY);
     let mut joints: Vec<usize> = Vec::new();
     for (name, parent, at, _) in SKELETON {
-        let (above, offset) = match parent {
-            Some(p) => (joints[p], at - SKELETON[p].2),
-            None => (root, at),
-        };
+        let (above, offset) = parent.map_or((root, at), |p| (joints[p], at - SKELETON[p].2));
         joints.push(glb.node(name, Some(above), offset, DQuat::IDENTITY));
     }
     let [skin, cloth, blond, membrane, dark] =

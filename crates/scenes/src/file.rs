@@ -44,6 +44,7 @@ pub fn scene_of(path: &Path, animation: Box<dyn Animation>) -> Scene {
     let remark = |note: &String| format!("{}: {note}", path.display());
     let mut notes: Vec<String> = model.notes.iter().map(remark).collect();
     let topology = &model.topology;
+    let frames_by_rate = ((model.duration * FRAME_RATE).round() as usize).saturating_add(1);
     let mut light_effects = LightEffects::of(topology) | LightEffects::SHADOWS;
     if animation.view(0.0).is_none() {
         notes.push(format!("{} has no camera; the view is a default", path.display()));
@@ -66,10 +67,7 @@ pub fn scene_of(path: &Path, animation: Box<dyn Animation>) -> Scene {
             motion: topology.parts.iter().map(|part| part.motion).collect(),
             light: light_effects,
         },
-        frames: model
-            .frames
-            .unwrap_or_else(|| ((model.duration * FRAME_RATE).round() as usize).saturating_add(1))
-            .min(MOST_FRAMES + 1),
+        frames: model.frames.unwrap_or(frames_by_rate).min(MOST_FRAMES + 1),
         measures: Vec::new(),
         simulated: SimulationStats::default(),
         key_bytes: 0,

@@ -141,15 +141,11 @@ impl Forest {
         let place = around(TAU * random.f32()) * (1.3 + 4.5 * random.f32());
         let size = 0.12 + 0.3 * random.f32() * random.f32();
         let foot = place.with_y(ground_at(place.x, place.z) - 0.03);
-        let lean = DQuat::from_rotation_arc(
-            DVec3::Y,
-            vec3(random.f32() - 0.5, 4.0, random.f32() - 0.5).as_dvec3().normalize(),
-        );
+        let up = vec3(random.f32() - 0.5, 4.0, random.f32() - 0.5).as_dvec3().normalize();
+        let lean = DQuat::from_rotation_arc(DVec3::Y, up);
         let stem = [(0.0, 1.0), (0.16, 1.0), (0.13, 0.6), (0.2, 0.0), (0.0, 0.0)];
-        let cap: Vec<(f32, f32)> = arc(FRAC_PI_2, 8)
-            .map(|(sin, cos)| (0.62 * sin, 0.85 + 0.5 * cos))
-            .chain([(0.55, 0.8), (0.2, 0.92), (0.0, 0.95)])
-            .collect();
+        let dome = arc(FRAC_PI_2, 8).map(|(sin, cos)| (0.62 * sin, 0.85 + 0.5 * cos));
+        let cap: Vec<(f32, f32)> = dome.chain([(0.55, 0.8), (0.2, 0.92), (0.0, 0.95)]).collect();
         for (mesh, profile) in [(&mut self.stems, &stem[..]), (&mut self.caps, &cap[..])] {
             mesh.join(&turned(profile, 16).moved(|p| foot + rotated(lean, size * p)));
         }

@@ -30,17 +30,16 @@ pub(crate) fn patches(
         weight_up_to.push(total);
     }
     let mut patch = vec![u32::MAX; centers.len()];
-    let mut patch_count = 0;
+    let mut patch_count = count as u32;
     let mut queue = BinaryHeap::new();
-    for _ in 0..count {
+    for p in 0..patch_count {
         let pick = total * random.f64();
         let seed = weight_up_to.partition_point(|&w| w < pick).min(centers.len().saturating_sub(1));
         // Distances are never negative, so that the order of their bits is theirs.
-        queue.push(Reverse((0_u32, seed as u32, patch_count)));
-        patch_count += 1;
+        queue.push(Reverse((0_u32, seed as u32, p)));
     }
     let crack: Vec<f32> = centers.iter().map(|_| 0.5 + random.f32()).collect();
-    let mut unreached = 0;
+    let mut triangles = 0..centers.len() as u32;
     loop {
         while let Some(Reverse((distance, t, p))) = queue.pop() {
             if patch[t as usize] != u32::MAX {
@@ -53,14 +52,9 @@ pub(crate) fn patches(
             }
         }
         // Pieces of the surface that hold no seed become patches of their own.
-        match patch[unreached..].iter().position(|&p| p == u32::MAX) {
-            None => break,
-            Some(offset) => {
-                unreached += offset;
-                queue.push(Reverse((0, unreached as u32, patch_count)));
-                patch_count += 1;
-            }
-        }
+        let Some(unreached) = triangles.find(|&t| patch[t as usize] == u32::MAX) else { break };
+        queue.push(Reverse((0, unreached, patch_count)));
+        patch_count += 1;
     }
     // Leaves out numbers of patches that got no triangle (two seeds on one).
     let mut used = IndexSet::new();

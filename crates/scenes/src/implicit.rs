@@ -82,15 +82,14 @@ impl Solid {
 
     /// Only the elements that can matter within `radius` of `center`.
     pub(crate) fn near(&self, center: Vec3, radius: f32) -> Self {
-        let distances: Vec<f32> = self.elements.iter().map(|e| e.distance(center)).collect();
-        let with_distances = || self.elements.iter().zip(&distances);
-        let nearest = with_distances().filter(|(e, _)| !e.carve).map(|(_, &d)| d).fold(f32::MAX, f32::min);
+        let distances: Vec<_> = self.elements.iter().map(|e| (e, e.distance(center))).collect();
+        let nearest = distances.iter().filter(|(e, _)| !e.carve).map(|&(_, d)| d).fold(f32::MAX, f32::min);
         // Elements farther away than the nearest can still pull at it, through those that they
         // blend with.
         let widest = self.elements.iter().map(|e| e.blend).fold(0.0, f32::max);
         let slack = 2.2 * radius + 1.5 * widest;
         let limit = |e: &Element| slack + if e.carve { 0.0 } else { nearest.max(0.0) };
-        let elements = with_distances().filter(|&(e, &d)| d <= limit(e)).map(|(e, _)| *e).collect();
+        let elements = distances.iter().filter(|(e, d)| *d <= limit(e)).map(|&(e, _)| *e).collect();
         Self { elements }
     }
 

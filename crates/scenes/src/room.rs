@@ -21,13 +21,9 @@ pub(crate) fn inside(animation: &dyn Animation, low: Vec3, high: Vec3) -> Option
     }
     let middle = 0.5 * (low + high);
     let positions = animation.rest();
-    let triangles: Vec<[Vec3; 3]> = animation
-        .topology()
-        .triangles
-        .iter()
-        .map(|corners| corners.map(|v| positions[v as usize] - middle))
-        .filter(|corners| corners.iter().all(|p| p.is_finite()))
-        .collect();
+    let triangles = animation.topology().triangles.iter();
+    let triangles = triangles.map(|corners| corners.map(|v| positions[v as usize] - middle));
+    let triangles: Vec<[Vec3; 3]> = triangles.filter(|t| t.iter().all(|p| p.is_finite())).collect();
     let free = |direction: Vec3| front(&triangles, direction);
     let walls = (0..DIRECTIONS).filter(|&i| free(spread(i, DIRECTIONS)).is_some()).count();
     if (walls as f32) < WALLED * DIRECTIONS as f32 {

@@ -177,12 +177,6 @@ pub fn load(name_or_path: &str, clip: Option<&str>, options: &SceneOptions<'_>) 
 }
 
 fn make(name_or_path: &str, clip: Option<&str>, options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
-    let no_clips = match clip {
-        None => Ok(()),
-        Some(clip) => Err(SceneError::Request(format!(
-            "scene {name_or_path} has no clips, so none named \"{clip}\"; leave the clip out"
-        ))),
-    };
     let make: fn(&SceneOptions<'_>) -> Result<Scene, SceneError> = match name_or_path {
         "bart-museum" | "bart-museum:0" => |options| bart_museum::scene(options, 0),
         "bart-museum:1" => |options| bart_museum::scene(options, 1),
@@ -195,9 +189,7 @@ fn make(name_or_path: &str, clip: Option<&str>, options: &SceneOptions<'_>) -> R
         "fairy-forest" => return fairy_forest::scene(clip, options),
         "lion" => |options| Ok(lion::LION.scene(options)),
         "n-body" => |options| Ok(n_body::scene(options)),
-        path if Path::new(path).exists() => {
-            return Ok(file::scene(Path::new(path), clip, options)?);
-        }
+        path if Path::new(path).exists() => return Ok(file::scene(Path::new(path), clip, options)?),
         name => {
             let known = list().iter().map(|info| info.name).collect::<Vec<_>>().join(", ");
             let mut message = format!("no scene or file named \"{name}\"; the scenes are {known}");
@@ -207,7 +199,11 @@ fn make(name_or_path: &str, clip: Option<&str>, options: &SceneOptions<'_>) -> R
             return Err(SceneError::Request(message));
         }
     };
-    no_clips?;
+    if let Some(clip) = clip {
+        return Err(SceneError::Request(format!(
+            "scene {name_or_path} has no clips, so none named \"{clip}\"; leave the clip out"
+        )));
+    }
     Ok(Scene { name: name_or_path.to_owned(), ..make(options)? })
 }
 

@@ -138,12 +138,10 @@ pub(crate) fn grid(cells: usize, mut place: impl FnMut(usize, usize) -> Vec3) ->
     let positions = vertices.map(|(row, column)| place(row, column)).collect();
     let at = |row: usize, column: usize| (row * (cells + 1) + column) as u32;
     let quads = (0..cells).flat_map(|row| (0..cells).map(move |column| (row, column)));
-    let triangles = quads
-        .flat_map(|(row, column)| {
-            let [a, b] = [at(row, column), at(row, column + 1)];
-            let [c, d] = [at(row + 1, column), at(row + 1, column + 1)];
-            [[a, c, d], [a, d, b]]
-        })
-        .collect();
-    Mesh { positions, triangles }
+    let halves = |(row, column)| {
+        let [a, b] = [at(row, column), at(row, column + 1)];
+        let [c, d] = [at(row + 1, column), at(row + 1, column + 1)];
+        [[a, c, d], [a, d, b]]
+    };
+    Mesh { positions, triangles: quads.flat_map(halves).collect() }
 }

@@ -7,6 +7,7 @@
 //! that the result does not depend on the number of threads.
 
 use glam::{DQuat, IVec3, Mat3, Vec3};
+use indexmap::IndexSet;
 use rayon::prelude::*;
 
 use crate::near::neighbours;
@@ -20,7 +21,6 @@ const BOUNCE: f32 = 0.25;
 const SEARCH: usize = 5;
 
 /// A rigid body and its motion.
-#[derive(Clone)]
 pub(crate) struct Body {
     /// Where it is; the rotation is relative to how it was made.
     pub(crate) at: Placement,
@@ -168,16 +168,10 @@ impl Body {
 /// The points that are farthest in 98 directions: from the centre of a cube to a grid of 5 by 5
 /// points on each side.
 fn extreme_points(points: &[Vec3]) -> Vec<Vec3> {
-    let k = 2;
-    let mut chosen: Vec<usize> = Vec::new();
-    for (x, y, z) in (-k..=k).flat_map(|x| (-k..=k).flat_map(move |y| (-k..=k).map(move |z| (x, y, z)))) {
-        let d = IVec3::new(x, y, z);
-        if d.abs().max_element() == k {
-            let d = d.as_vec3();
-            let farthest = (0..points.len()).max_by(|&i, &j| points[i].dot(d).total_cmp(&points[j].dot(d)));
-            chosen.extend(farthest.filter(|i| !chosen.contains(i)));
-        }
-    }
+    let cube = (0..125).map(|i| IVec3::new(i / 25, i / 5 % 5, i % 5) - 2);
+    let directions = cube.filter(|d| d.abs().max_element() == 2).map(IVec3::as_vec3);
+    let farthest = |d: Vec3| (0..points.len()).max_by(|&i, &j| points[i].dot(d).total_cmp(&points[j].dot(d)));
+    let chosen: IndexSet<usize> = directions.filter_map(farthest).collect();
     chosen.into_iter().map(|i| points[i]).collect()
 }
 

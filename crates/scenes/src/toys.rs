@@ -32,13 +32,11 @@ pub fn toys_glb() -> Vec<u8> {
 }
 
 fn stalk(glb: &mut Glb, place: Vec3) {
-    let profile: Vec<(f32, f32)> = (0..=41)
-        .map(|i| {
-            let y = HEIGHT * (1.0 - i as f32 / 41.0);
-            (0.05 + 0.08 * (1.0 - y / HEIGHT) + 0.12 * libm::expf(-40.0 * (y - 1.45) * (y - 1.45)), y)
-        })
-        .collect();
-    let mesh = turned(&profile, 28);
+    let profile = |i: usize| {
+        let y = HEIGHT * (1.0 - i as f32 / 41.0);
+        (0.05 + 0.08 * (1.0 - y / HEIGHT) + 0.12 * libm::expf(-40.0 * (y - 1.45) * (y - 1.45)), y)
+    };
+    let mesh = turned(&(0..=41).map(profile).collect::<Vec<_>>(), 28);
     let influence = |p: Vec3| -> Influence {
         let at = (p.y / STEP).clamp(0.0, JOINTS as f32 - 1.001);
         let (joint, part) = (at as u8, at % 1.0);
