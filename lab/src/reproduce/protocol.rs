@@ -92,15 +92,17 @@ impl Plan {
 /// A tree that fits the frame, and whose it is.
 pub(crate) type Named<'a> = (&'static str, &'a Bvh);
 
+/// Sees the stage, posed, with the trees of all strategies, on each frame that is to have its picture
+/// taken.
+pub(crate) type TakePicture<'a> = dyn FnMut(&mut Stage, &[Named<'_>], usize) -> Result<()> + 'a;
+
 /// What is measured already, and where the rest goes.
 pub(crate) struct Log<'a> {
     /// Rows of an earlier run, of whole steps from the first on; in `journal` already.
     pub(crate) done: Vec<Row>,
     pub(crate) journal: &'a mut Journal<Row>,
     pub(crate) checks: &'a mut Checks,
-    /// Sees the stage, posed, with the trees of all strategies, on each frame that is to have its
-    /// picture taken.
-    pub(crate) picture: &'a mut dyn FnMut(&mut Stage, &[Named<'_>], usize) -> Result<()>,
+    pub(crate) picture: &'a mut TakePicture<'a>,
 }
 
 /// What the first strategy has shown of a frame: its name, its counts, and a hash of its picture.
