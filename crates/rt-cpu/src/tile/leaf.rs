@@ -78,10 +78,10 @@ fn test_group<S: Simd, T: WideTest, const ANY: bool>(
     packet: &mut Packet,
 ) {
     let alone = leaf.count() == 1;
-    // Of the groups that reach a leaf of one, three to seven in ten hit its triangle: to
-    // guess wrong costs more than to compute what nobody needs. On Zen 4 rays took 3 to 5 % less
-    // time through leaves of one without the branches (AVX-512; 0 to 2 % with AVX2), and 1 to 6 %
-    // less through leaves of up to four with them (trial builds of 95455d4, 2026-11-28).
+    // Of the groups that reach a leaf of one, three to seven in ten hit its triangle, so a wrong
+    // guess costs more than what nobody needs. On Zen 4 rays took 3 to 5 % less time through leaves
+    // of one without the branches (AVX-512; 0 to 2 % with AVX2), and 1 to 6 % less through leaves
+    // of up to four with them (counted and timed in trial builds of 95455d4, 2026-11-28).
     let may_end = !alone;
     let found = T::wide(simd, &packet.rays(simd, octant, at), lanes, mask, may_end);
     if found.unsure != 0 {

@@ -79,10 +79,12 @@ impl Bounds {
 
     /// What a ratio of times says of its numerator.
     fn in_words(&self, ratio: f64) -> &'static str {
-        match ratio {
-            _ if self.faster(ratio) => "faster",
-            _ if self.slower_than(ratio) => "slower",
-            _ => "as fast",
+        if self.faster(ratio) {
+            "faster"
+        } else if self.slower_than(ratio) {
+            "slower"
+        } else {
+            "as fast"
         }
     }
 }
