@@ -197,16 +197,15 @@ impl WideTest for Watertight {
         let wc = x[1] * y[0] - y[1] * x[0];
         let least = min(min(wa, wb), wc);
         let greatest = max(max(wa, wb), wc);
-        let outside = least.simd_lt(zero) & greatest.simd_gt(zero);
-        let inside = !outside.to_bitmask() & active;
+        // Negative where signs differ, positive where all are the same; with a zero, 0 or NaN.
+        let signs = least * greatest;
+        let inside = !signs.simd_lt(zero).to_bitmask() & active;
         if may_end && inside == 0 {
             return Found { lanes: 0, unsure: 0, t: zero, u: zero, v: zero };
         }
         let det = wa + wb + wc;
         let size = det.abs();
-        let plain = size.simd_ge(DET_RANGE.0) & size.simd_le(DET_RANGE.1);
-        // Inside, a zero is the least or the greatest.
-        let plain = plain & least.simd_ne(zero) & greatest.simd_ne(zero);
+        let plain = size.simd_ge(DET_RANGE.0) & size.simd_le(DET_RANGE.1) & signs.simd_gt(zero);
         let inv_det = V::simd_from(simd, 1.0) / det;
         let (u, v) = (wb * inv_det, wc * inv_det);
         let unit = rays.shear[2];
