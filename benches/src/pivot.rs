@@ -22,6 +22,7 @@ struct Variant {
     traversal: Traversal,
     simd: SimdLevel,
     rays: RayKind,
+    test: TriangleTest,
     /// Whether updates learn from the pictures cast.
     learns: bool,
 }
@@ -108,7 +109,7 @@ impl Contestant for Pivot {
     }
 
     fn closest(&self, rays: &Rays, hits: &mut Hits) {
-        let (triangles, test) = (self.mesh.triangles(), TriangleTest::default());
+        let (triangles, test) = (self.mesh.triangles(), self.variant.test);
         match self.variant.rays {
             RayKind::Single => {
                 for i in 0..rays.len() {
@@ -130,7 +131,7 @@ impl Contestant for Pivot {
     }
 
     fn occluded(&self, rays: &Rays, blocked: &mut [bool; RAYS]) {
-        let (triangles, test) = (self.mesh.triangles(), TriangleTest::default());
+        let (triangles, test) = (self.mesh.triangles(), self.variant.test);
         for (i, blocked) in blocked[..rays.len()].iter_mut().enumerate() {
             let (ray, t_max) = (rays.ray(i), rays.t_max[i]);
             *blocked = match self.variant.rays {
@@ -149,8 +150,8 @@ impl Contestant for Pivot {
             return view::cast(self, view, pixels);
         }
         let light = view.light.map(|position| PointLight { position, color: [1.0; 3] });
-        let Variant { traversal, simd, .. } = self.variant;
-        let options = RenderOptions { traversal, simd, ..RenderOptions::default() };
+        let Variant { traversal, simd, test, .. } = self.variant;
+        let options = RenderOptions { traversal, simd, triangle_test: test, ..RenderOptions::default() };
         let stats = cast(&self.tree, &self.mesh.triangles(), &view.camera, light.as_ref(), &options, pixels);
         if self.variant.learns {
             self.visited.store(stats.nodes_visited, Relaxed);
@@ -166,6 +167,7 @@ pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
         traversal: Traversal::Tile,
         simd: SimdLevel::best(),
         rays: RayKind::Single,
+        test: TriangleTest::default(),
         learns: false,
     };
     let rotate = Strategy::RefitRotate(Rotate::default());
@@ -221,7 +223,9 @@ pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
         Contest::Incoherent => {
             let plain = Variant { traversal: Traversal::Single, ..plain };
             add("single", plain);
-            add("wide", Variant { rays: RayKind::Wide, ..plain });
+            let wide = Variant { rays: RayKind::Wide, ..plain };
+            add("wide", wide);
+            add("wide, fast", Variant { test: TriangleTest::MollerTrumbore, ..wide });
             add("wide, batch", Variant { rays: RayKind::Batch, ..plain });
         }
         Contest::Frame => {}

@@ -62,7 +62,7 @@ pub(super) fn threads_of(threads: usize) -> String {
 
 /// What is measured, one contestant over another; `*` stands for the best of all others whose names
 /// begin so.
-const RATIOS: [[&str; 3]; 19] = [
+const RATIOS: [[&str; 3]; 21] = [
     ["update", "pivot refit", "memory limit"],
     ["update", "pivot refit", "embree refit"],
     ["update", "pivot refit", "obvhs refit"],
@@ -75,6 +75,8 @@ const RATIOS: [[&str; 3]; 19] = [
     ["trace", "pivot avx512", "embree packets of 16"],
     ["trace", "pivot avx2", "embree packets of 8, avx2"],
     ["trace", "pivot leaves of 4", "embree packets of 16"],
+    ["incoherent", "pivot wide", "embree single, robust"],
+    ["incoherent", "pivot wide, fast", "embree single"],
     ["incoherent", "pivot wide", "embree single"],
     ["incoherent", "pivot single", "embree single"],
     ["incoherent", "pivot wide", "obvhs cwbvh"],
