@@ -51,7 +51,7 @@ pub struct Args {
     /// What to rerun [default: everything but `peers`, and for `quick` but `fig5` and `effects`]
     #[arg(value_name = "EXPERIMENT")]
     experiments: Vec<Experiment>,
-    /// How much: quick takes half a minute, standard about seven minutes, full is the paper's
+    /// How much: quick takes half a minute, standard about six minutes, full is the paper's
     /// protocol
     #[arg(long, value_enum, default_value_t = Preset::Standard)]
     preset: Preset,

@@ -12,7 +12,7 @@ use crate::pool::PAPER_THREADS;
 pub(crate) enum Preset {
     /// Half a minute on two cores: few frames, small scenes and pictures.
     Quick,
-    /// About seven minutes on two cores.
+    /// About six minutes on two cores.
     Standard,
     /// The paper's protocol: its frames, loops, sizes and packets of rays.
     Full,
