@@ -7,19 +7,20 @@
 //!   at a leaf, test the rays that entered it
 //!   at an inner node, with a mask of the rays that entered it:
 //!     all of them in one group, or few, which are gathered into one -> go down with the group alone
-//!     otherwise -> go down into each child with the rays that enter it
+//!     otherwise -> go down into each child with the rays that enter it,
+//!                  after some nodes only if the packet's frustum meets the child
 //! ```
 //!
 //! Departures from Wald, Boulos and Shirley 2007: masks in place of first active rays; the cut, which
 //! shares the top of the tree among 16 packets (in the spirit of Reshetov, Soupikov and Hurley,
 //! *Multi-Level Ray Tracing Algorithm*, 2005); frusta of slopes in place of interval arithmetic on
-//! reciprocals, so that rays may go both ways along two axes, and in the cut alone; groups, so that
-//! rays which have drifted apart cost what they would in small packets.
+//! reciprocals, so that rays may go both ways along two axes; groups, so that rays which have drifted
+//! apart cost what they would in small packets.
 //!
-//! Primary and shadow rays took 1 to 4 % less time without frusta below the cut, when both
-//! children's boxes were tested in one loop that skips groups without rays: on four scenes, at
-//! AVX-512, AVX2 and the baseline of Zen 4 (trial builds, 2026-11-28). Through trees that have become
-//! bad they take 1.2 to 1.3 times as long (`docs/BENCHMARKS.md`, tracing).
+//! Below the cut the frustum is tested only once a packet has met many nodes of a subtree, as it does
+//! in trees that have become bad. In good ones primary and shadow rays took 1 to 4 % less time without
+//! it, when both children's boxes were tested in one loop that skips groups without rays: on four
+//! scenes, at AVX-512, AVX2 and the baseline of Zen 4 (trial builds, 2026-11-28).
 
 mod cut;
 mod leaf;
@@ -34,7 +35,7 @@ use fearless_simd::prelude::*;
 use self::cut::Cut;
 use self::packet::Packet;
 use crate::bundle::{Bundle, Hits, PACKET};
-use crate::frustum::{Frame, Frustum};
+use crate::frustum::{Frame, Frustum, Sides};
 use crate::scene::Scene;
 use crate::simd::{bits, load, load3, max, min};
 use crate::wide::{RayOctant, WideTest};
@@ -49,6 +50,8 @@ pub(crate) struct Scratch {
     stack: [(u32, u64); MAX_HEIGHT as usize + 1],
     group_stack: [(u32, u64); MAX_HEIGHT as usize + 1],
     cut: Cut,
+    /// Of the packet's frustum, once they have been needed.
+    sides: Sides,
     /// Inner nodes visited.
     pub(crate) nodes: u64,
 }
@@ -59,6 +62,8 @@ struct Context<'a, S> {
     simd: S,
     scene: Scene<'a>,
     octant: &'a RayOctant,
+    /// The packet's, if its rays have one.
+    frustum: Option<(&'a Frame, &'a Frustum)>,
 }
 
 /// Traces a bundle. For `ANY` hits are any, not the closest, and only the primitives count.
@@ -112,6 +117,8 @@ fn trace_shared<S: Simd, T: WideTest, const ANY: bool>(
             hits.primitive[at..at + PACKET].fill(Hits::NONE);
             continue;
         }
+        let frustum = frame.as_ref().map(|frame| (frame, frustum));
+        scratch.sides = Sides::zeroed();
         let present = if bundle.count - at >= PACKET { !0 } else { (1 << (bundle.count - at)) - 1 };
         let (negative, longest) = scratch.packet.load(simd, bundle, at, present);
         // Rays of one octant that are longest along the same axis, together: mostly all of them.
@@ -125,7 +132,8 @@ fn trace_shared<S: Simd, T: WideTest, const ANY: bool>(
             left &= !same;
             let along = Vec3::from([0, 1, 2].map(|k| bundle.direction[k][at + lane as usize]));
             let octant = RayOctant::new(bundle.origin, along, signs, axis);
-            trace_packet::<S, T, ANY>(Context { simd, scene, octant: &octant }, met, same, scratch);
+            let context = Context { simd, scene, octant: &octant, frustum };
+            trace_packet::<S, T, ANY>(context, met, same, scratch);
         }
         let p = &scratch.packet;
         if !ANY {

@@ -49,7 +49,7 @@ struct Triangle<'a, S: Simd> {
 impl<'a, S: Simd> Triangle<'a, S> {
     /// The triangle at a slot of a tree, unless it is not there.
     #[inline(always)]
-    fn new<T: WideTest>(Context { simd, scene, octant }: Context<'a, S>, slot: usize) -> Option<Self> {
+    fn new<T: WideTest>(Context { simd, scene, octant, .. }: Context<'a, S>, slot: usize) -> Option<Self> {
         let primitive = scene.primitive(slot);
         let &[a, b, c] = scene.triangles.indices.get(primitive as usize)?;
         let positions = scene.triangles.positions;
