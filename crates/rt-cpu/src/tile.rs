@@ -8,7 +8,7 @@
 //!   at an inner node, with a mask of the rays that entered it:
 //!     all of them in one group, or few, which are gathered into one -> go down with the group alone
 //!     otherwise -> go down into each child with the rays that enter it,
-//!                  after some nodes only if the packet's frustum meets the child
+//!                  from the fifth node on only if the packet's frustum meets the child
 //! ```
 //!
 //! Departures from Wald, Boulos and Shirley 2007: masks in place of first active rays; the cut, which
@@ -17,10 +17,8 @@
 //! reciprocals, so that rays may go both ways along two axes; groups, so that rays which have drifted
 //! apart cost what they would in small packets.
 //!
-//! Below the cut the frustum is tested only once a packet has met many nodes of a subtree, as it does
-//! in trees that have become bad. In good ones primary and shadow rays took 1 to 4 % less time without
-//! it, when both children's boxes were tested in one loop that skips groups without rays: on four
-//! scenes, at AVX-512, AVX2 and the baseline of Zen 4 (trial builds, 2026-11-28).
+//! Below the cut a packet tests its frustum from its fifth node of a subtree on: few packets get that
+//! far in good trees, where testing it at every node costs time (`docs/BENCHMARKS.md`, bad trees).
 
 mod cut;
 mod leaf;
@@ -50,7 +48,7 @@ pub(crate) struct Scratch {
     stack: [(u32, u64); MAX_HEIGHT as usize + 1],
     group_stack: [(u32, u64); MAX_HEIGHT as usize + 1],
     cut: Cut,
-    /// Of the packet's frustum, once they have been needed.
+    /// Those of the packet's frustum; zeroed until needed.
     sides: Sides,
     /// Inner nodes visited.
     pub(crate) nodes: u64,

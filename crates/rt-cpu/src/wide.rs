@@ -197,7 +197,8 @@ impl WideTest for Watertight {
         let wc = x[1] * y[0] - y[1] * x[0];
         let least = min(min(wa, wb), wc);
         let greatest = max(max(wa, wb), wc);
-        // Negative where signs differ, positive where all are the same; with a zero, 0 or NaN.
+        // Negative where signs differ, positive where all are the same. With a zero, or where it
+        // underflows, it is 0 or NaN: such lanes are unsure.
         let signs = least * greatest;
         let inside = !signs.simd_lt(zero).to_bitmask() & active;
         if may_end && inside == 0 {

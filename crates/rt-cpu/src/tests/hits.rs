@@ -209,7 +209,7 @@ fn equal_distances_go_to_the_lowest_number() {
 #[test]
 fn coordinates_from_tiny_to_huge() {
     let sphere = icosphere(1);
-    for scale in [1e-30, 1e-18, 1e-3, 1e6, 1e18, 1e30] {
+    for scale in [1e-30, 1e-18, 1e-13, 1e-3, 1e6, 1e18, 1e30] {
         let scaled = sphere.map(|p| p * scale);
         for from in [Vec3::ZERO, Vec3::new(0.5, -2.0, 1.5)] {
             let rays = rays_at_features(&scaled, from * scale);

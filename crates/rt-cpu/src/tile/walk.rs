@@ -15,13 +15,10 @@ use crate::scene::Scene;
 use crate::simd::{load, load3};
 use crate::wide::{RayOctant, Slab, V, WideTest};
 
-/// Inner nodes of a subtree that a packet visits before its frustum is tested, too. In good trees it
-/// visits one or two, and some ray enters five of six children; in bad ones 4 to 33, and no ray
-/// enters half of them (counted on n-body, dragon and lion).
-///
-/// With the frustum rays through bad trees take 7 to 19 % less time, as much after 2, 8 or 16 nodes;
-/// inlined it cost good trees 2 to 5 % (`docs/BENCHMARKS.md`, tracing).
-const FEW: u32 = 4;
+/// Inner nodes of a subtree that rays of several groups visit before the packet's frustum is tested,
+/// too: good trees do without it, through bad ones it saves 3 to 19 % of the time, as much after 2, 8
+/// or 16 nodes (`docs/BENCHMARKS.md`, bad trees).
+const NODES_BEFORE_FRUSTUM: u32 = 4;
 
 /// Walks the subtree at `root` with the rays in `mask`.
 #[inline(always)]
@@ -52,7 +49,7 @@ pub(super) fn walk<S: Simd, T: WideTest, const ANY: bool>(
             scratch.nodes += 1;
             let (first, children) = open(scene, &nodes[n]);
             visited += 1;
-            let mut entered = if visited <= FEW {
+            let mut entered = if visited <= NODES_BEFORE_FRUSTUM {
                 enter(simd, &scratch.packet, children, octant, mask)
             } else {
                 enter_met(context, scratch, children, mask)
@@ -172,6 +169,9 @@ fn enter<S: Simd, const N: usize>(
 }
 
 /// As [`enter`], after a test of the packet's frustum against both boxes.
+///
+/// Out of line: with this in its loop good trees' rays took 2 to 6 % longer (the yardstick's scenes,
+/// trial builds of 42be85f, Zen 4, 2026-11-28).
 #[cold]
 #[inline(never)]
 fn enter_met<S: Simd>(
