@@ -218,7 +218,7 @@ mod tests {
 
     #[test]
     fn boxes_are_missed_only_if_every_ray_misses() {
-        for slopes in [[[-0.4, 0.2], [-0.1, 0.3]], [[0.1, 0.4], [-0.3, -0.1]], [[0.0, 0.2], [-0.2, 0.0]]] {
+        for slopes in [[[-0.4, 0.2], [-0.1, 0.3]], [[0.1, 0.7], [-0.6, -0.1]], [[0.0, 0.5], [-0.5, 0.0]]] {
             for (axis, sign) in [(0, 1.0), (1, -1.0), (2, 1.0), (2, -1.0)] {
                 check_frustum(slopes, axis, sign);
             }
