@@ -203,8 +203,7 @@ mod tests {
         met != 0
     }
 
-    /// Which of two siblings are met; the one in the other place must not matter. Links are odd as
-    /// numbers.
+    /// Whether a box is met, as the left and as the right of two siblings. Links are odd as numbers.
     fn sides_meet<S: Simd>(simd: S, sides: &Sides, aabb: Aabb, surely_met: Aabb) -> bool {
         let meet = |siblings: [Aabb; 2]| {
             let mut words: [f32; 16] = bytemuck::cast(siblings.map(|aabb| Node::leaf(aabb, 0, 1)));
