@@ -7,7 +7,7 @@ use anyhow::Result;
 use bvh_build::BuildOptions;
 use bvh_core::{Bvh, Triangles};
 use bvh_related::System;
-use bvh_update::{Auto, Background, Builder, Load, Rotate, Strategy, Update, Updater};
+use bvh_update::{Background, Builder, Load, Rotate, Strategy, Update, Updater};
 
 use super::paper_binned;
 use crate::pool::PAPER_THREADS;
@@ -117,21 +117,22 @@ impl Contestant {
 }
 
 impl Method {
-    /// The same, for trees that each show one picture with `size` pixels on a side.
-    pub(crate) fn for_picture(self, size: u32) -> Self {
-        match self {
-            Self::Strategy(strategy) => Self::Strategy(for_picture(strategy, size)),
-            other => other,
-        }
-    }
-
     /// The method at work on `tree`. Methods that know the animation look at `poses` and put a tree
     /// of their own in the place of `tree`.
     pub(crate) fn start(self, tree: &mut Bvh, poses: &[Triangles<'_>]) -> Result<Worker> {
         Ok(match self {
-            Self::Strategy(strategy) => Worker::Updater(Updater::new(strategy)),
-            Self::Rebuild(function, _) => Worker::Rebuild(function),
-            Self::System(system) => Worker::System(bvh_related::Keeper::new(system, tree, poses)?),
+            Self::Strategy(strategy) => {
+                let mut updater = Updater::new(strategy);
+                Box::new(move |tree, triangles, load| {
+                    updater.report(load);
+                    Ok(updater.update(tree, triangles)?)
+                })
+            }
+            Self::Rebuild(function, _) => Box::new(move |tree, triangles, _| function(tree, triangles)),
+            Self::System(system) => {
+                let mut keeper = bvh_related::Keeper::new(system, tree, poses)?;
+                Box::new(move |tree, triangles, _| Ok(keeper.update(tree, triangles)?))
+            }
         })
     }
 
@@ -151,14 +152,10 @@ impl Method {
     }
 }
 
-/// A strategy for trees that each show one picture with `size` pixels on a side: a ray from the eye
-/// and one from the light for each, in packets.
-pub(super) fn for_picture(strategy: Strategy, size: u32) -> Strategy {
-    let rays = 2 * u64::from(size).pow(2);
-    match strategy {
-        Strategy::Auto(_) => Strategy::Auto(Auto { load: Load::PacketRays(rays) }),
-        other => other,
-    }
+/// The load of a picture with `size` pixels on a side, before one is rendered: a ray from the eye
+/// and one from the light for each pixel, in packets.
+pub(super) fn load_of(size: u32) -> Load {
+    Load::PacketRays(2 * u64::from(size).pow(2))
 }
 
 /// Whether a strategy builds in the background, and plays the loops without the others.
@@ -166,31 +163,9 @@ pub(crate) fn plays_alone(name: &str) -> bool {
     Contestant::all().iter().any(|c| c.name == name && c.method.depends_on_time())
 }
 
-/// A method with what it keeps from frame to frame.
-#[derive(Debug)]
-pub(crate) enum Worker {
-    Updater(Updater),
-    Rebuild(fn(&mut Bvh, &Triangles<'_>) -> Result<Update>),
-    System(bvh_related::Keeper),
-}
-
-impl Worker {
-    /// Brings its tree up to date with the triangles.
-    pub(crate) fn update(&mut self, tree: &mut Bvh, triangles: &Triangles<'_>) -> Result<Update> {
-        match self {
-            Self::Updater(updater) => Ok(updater.update(tree, triangles)?),
-            Self::Rebuild(function) => function(tree, triangles),
-            Self::System(keeper) => Ok(keeper.update(tree, triangles)?),
-        }
-    }
-
-    /// Reports the rays of a frame.
-    pub(crate) fn report(&mut self, load: Load) {
-        if let Self::Updater(updater) = self {
-            updater.report(load);
-        }
-    }
-}
+/// A method with what it keeps from frame to frame. Brings its tree up to date with the triangles;
+/// the load is what rays ask of the tree.
+pub(crate) type Worker = Box<dyn FnMut(&mut Bvh, &Triangles<'_>, Load) -> Result<Update> + Send + Sync>;
 
 impl Counted {
     /// What counts of a measured time.
@@ -234,17 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn only_auto_takes_the_number_of_rays() {
-        for contestant in Contestant::all() {
-            match (contestant.method, contestant.method.for_picture(16)) {
-                (Method::Strategy(Strategy::Auto(_)), Method::Strategy(Strategy::Auto(now))) => {
-                    assert_eq!(now.load, Load::PacketRays(512));
-                }
-                (Method::Strategy(before), Method::Strategy(now)) => assert_eq!(before, now),
-                (Method::Rebuild(..), Method::Rebuild(..)) => {}
-                (Method::System(before), Method::System(now)) => assert_eq!(before, now),
-                (before, now) => panic!("{before:?} became {now:?}"),
-            }
-        }
+    fn a_picture_asks_for_two_rays_a_pixel() {
+        assert_eq!(load_of(16), Load::PacketRays(512));
     }
 }

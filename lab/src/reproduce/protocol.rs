@@ -28,7 +28,7 @@ use rayon::prelude::*;
 use rt_cpu::{RenderOptions, RenderStats};
 
 use super::check::{self, Checks};
-use super::contestants::{Contestant, POSES};
+use super::contestants::{Contestant, POSES, load_of};
 use super::journal::Journal;
 use super::lane::{LONG_MS, Lane};
 use super::preset::Values;
@@ -159,13 +159,13 @@ impl Run<'_> {
         // Those of the plan before end first.
         lanes.clear();
         // Side by side: methods that know the animation take long to prepare, and that is not counted.
-        let (shared, size) = (&*stage, plan.values.size);
-        let lane = |c: Contestant| Lane::new(c.of, c.method.for_picture(size), shared, &poses);
+        let (shared, load) = (&*stage, load_of(plan.values.size));
+        let lane = |c: Contestant| Lane::new(c.of, c.method, load, shared, &poses);
         *lanes = contestants.into_par_iter().map(lane).collect::<Result<_>>()?;
         stage.pose(0.0);
         // A method that knows the animation refits like the others, and would be prepared again.
         for lane in lanes.iter_mut().filter(|lane| !lane.method.knows_animation()) {
-            let mut warm = Lane::new(lane.name, lane.method, stage, &[])?;
+            let mut warm = Lane::new(lane.name, lane.method, load, stage, &[])?;
             warm.update(0, stage)?;
             warm.trace(0, stage, renderer);
             if plan.values.turns > 1 {
