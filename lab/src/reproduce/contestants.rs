@@ -20,7 +20,9 @@ pub(crate) struct Contestant {
     pub(crate) of: &'static str,
     /// What is run.
     pub(crate) method: Method,
-    pub(crate) counted: Counted,
+    /// What counts of an update's measured time: 1 as measured, 0 for an update that happens
+    /// instantly, 1 / the paper's threads for a serial update that scales perfectly.
+    pub(crate) factor: f64,
 }
 
 /// How a tree is brought up to date.
@@ -31,17 +33,6 @@ pub(crate) enum Method {
     Rebuild(fn(&mut Bvh, &Triangles<'_>) -> Result<Update>, &'static str),
     /// A system of another paper.
     System(System),
-}
-
-/// How the time of an update is counted.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Counted {
-    /// As measured.
-    Measured,
-    /// Not at all: an update that happens instantly.
-    Free,
-    /// Divided by the paper's number of threads: a serial update that scales perfectly.
-    Divided,
 }
 
 /// An instant sweep rebuild: the bound for every update (Kopta et al. 2012, section 3, "ideal
@@ -66,7 +57,7 @@ const ON_DEMAND: [&str; 4] = ["refit+rebuild", "refit+regrow", "refit+background
 impl Contestant {
     /// All of them.
     pub(crate) fn all() -> Vec<Self> {
-        let measured = |name, method| Self { name, of: name, method, counted: Counted::Measured };
+        let measured = |name, method| Self { name, of: name, method, factor: 1.0 };
         let strategies = Strategy::all();
         let mut all: Vec<_> = strategies.iter().map(|&s| measured(s.name(), Method::Strategy(s))).collect();
         let about = "serial binned rebuild with bins along one axis";
@@ -76,12 +67,12 @@ impl Contestant {
             let background = Background { rotate, builder: Builder::BinnedParallel };
             all.push(measured(name, Method::Strategy(Strategy::Background(background))));
         }
-        for (name, builder, counted) in [
-            (IDEAL, Builder::Sweep, Counted::Free),
-            (IDEAL_PARALLEL_BINNED, Builder::Binned, Counted::Divided),
+        for (name, builder, factor) in [
+            (IDEAL, Builder::Sweep, 0.0),
+            (IDEAL_PARALLEL_BINNED, Builder::Binned, 1.0 / PAPER_THREADS as f64),
         ] {
             let method = Method::Strategy(Strategy::Rebuild(builder, BuildOptions::default()));
-            all.push(Self { name, of: builder.name(), method, counted });
+            all.push(Self { name, of: builder.name(), method, factor });
         }
         all
     }
@@ -102,16 +93,16 @@ impl Contestant {
 
     /// How its update time comes about, in words; nothing if it is a strategy's, simply measured.
     pub(crate) fn accounting(&self) -> Option<String> {
-        match (self.counted, self.method) {
-            (Counted::Measured, Method::Strategy(_)) => None,
-            (Counted::Measured, Method::Rebuild(_, about)) => Some(about.to_owned()),
-            (Counted::Measured, Method::System(system)) => system
-                .knows_animation()
-                .then(|| format!("knows {POSES} poses in advance; preparation not counted")),
-            (Counted::Free, _) => Some(format!("{} rebuild, its time not counted", self.of)),
-            (Counted::Divided, _) => {
+        match self.method {
+            _ if self.factor == 0.0 => Some(format!("{} rebuild, its time not counted", self.of)),
+            _ if self.factor < 1.0 => {
                 Some(format!("serial {} rebuild, its time divided by {PAPER_THREADS}", self.of))
             }
+            Method::Strategy(_) => None,
+            Method::Rebuild(_, about) => Some(about.to_owned()),
+            Method::System(system) => system
+                .knows_animation()
+                .then(|| format!("knows {POSES} poses in advance; preparation not counted")),
         }
     }
 }
@@ -166,17 +157,6 @@ pub(crate) fn plays_alone(name: &str) -> bool {
 /// A method with what it keeps from frame to frame. Brings its tree up to date with the triangles;
 /// the load is what rays ask of the tree.
 pub(crate) type Worker = Box<dyn FnMut(&mut Bvh, &Triangles<'_>, Load) -> Result<Update> + Send + Sync>;
-
-impl Counted {
-    /// What counts of a measured time.
-    pub(crate) fn of(self, ms: f64) -> f64 {
-        match self {
-            Self::Measured => ms,
-            Self::Free => 0.0,
-            Self::Divided => ms / PAPER_THREADS as f64,
-        }
-    }
-}
 
 #[cfg(test)]
 mod tests {

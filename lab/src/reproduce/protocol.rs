@@ -283,7 +283,7 @@ impl Run<'_> {
         let row = |c: &Contestant| {
             let at = self.lanes.iter().position(|lane| lane.name == c.of)?;
             let row = rows[at].clone();
-            let [update_ms, updates_ms] = [row.update_ms, row.updates_ms].map(|ms| rounded(c.counted.of(ms)));
+            let [update_ms, updates_ms] = [row.update_ms, row.updates_ms].map(|ms| rounded(c.factor * ms));
             let frame_ms = rounded(update_ms + row.trace_ms);
             Some(Row { strategy: c.name.to_owned(), update_ms, frame_ms, updates_ms, ..row })
         };
