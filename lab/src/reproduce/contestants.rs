@@ -149,11 +149,6 @@ pub(super) fn load_of(size: u32) -> Load {
     Load::PacketRays(2 * u64::from(size).pow(2))
 }
 
-/// Whether a strategy builds in the background, and plays the loops without the others.
-pub(crate) fn plays_alone(name: &str) -> bool {
-    Contestant::all().iter().any(|c| c.name == name && c.method.depends_on_time())
-}
-
 /// A method with what it keeps from frame to frame. Brings its tree up to date with the triangles;
 /// the load is what rays ask of the tree.
 pub(crate) type Worker = Box<dyn FnMut(&mut Bvh, &Triangles<'_>, Load) -> Result<Update> + Send + Sync>;
