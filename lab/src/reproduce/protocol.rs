@@ -182,7 +182,7 @@ impl Run<'_> {
         let alone = self.lanes.first().filter(|lane| lane.method.depends_on_time());
         let who = alone.map_or(String::new(), |lane| format!(", {}", lane.name));
         let progress = Progress::new(format!("{}{who}, {frames} frames a loop", self.label), steps as u64);
-        let replayed = done.last().map_or(0, |row| row.round * frames + row.frame + 1);
+        let replayed = done.last().map_or(0, |row| row.step() + 1);
         let mut all_rows = done;
         for step in (0..steps).take_while(|_| !interrupt::requested()) {
             let (round, frame) = (step / frames, step % frames);
@@ -204,7 +204,7 @@ impl Run<'_> {
                 };
                 self.rows(&common.posed(&posed))
             } else {
-                self.recall(&all_rows, round, frame);
+                self.recall(&all_rows, step);
                 Vec::new()
             };
             if round == 0 && self.plan.is_one_of(frame, values.check_frames) {
@@ -292,8 +292,8 @@ impl Run<'_> {
 
     /// Ends a frame that is not measured. If an earlier run has measured it, its rays are reported,
     /// so that trees take the same course.
-    fn recall(&mut self, rows: &[Row], round: usize, frame: usize) {
-        let now: Vec<_> = rows.iter().filter(|row| [row.round, row.frame] == [round, frame]).collect();
+    fn recall(&mut self, rows: &[Row], step: usize) {
+        let now: Vec<_> = rows.iter().filter(|row| row.step() == step).collect();
         for lane in &mut self.lanes {
             let row = now.iter().find(|row| row.strategy == lane.name);
             if lane.is_current {

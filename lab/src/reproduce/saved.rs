@@ -131,9 +131,8 @@ impl Saved {
 /// first step of strategies that take turns, or of one that plays alone, has no such step before
 /// it, and is left out.
 fn whole_steps(mut rows: Vec<Row>) -> Vec<Row> {
-    let step = |row: &Row| (row.frames_per_loop, row.round, row.frame);
     let Some(last) = rows.last() else { return rows };
-    let before = rows.iter().rposition(|row| step(row) != step(last));
+    let before = rows.iter().rposition(|row| row.step() != last.step());
     let end = |row: &Row| (row.frames_per_loop, row.strategy.clone());
     let is_whole = before.is_some_and(|at| end(&rows[at]) == end(last));
     if !is_whole {
