@@ -56,25 +56,6 @@ impl Plan {
         ((self.values.frames as f64 * self.values.loops).round() as usize).max(1)
     }
 
-    /// The strategies that take turns, then each that builds in the background. The first loop is
-    /// shown.
-    fn loops(&self) -> Vec<Self> {
-        let contestants = self.contestants.iter().copied();
-        let (alone, together): (Vec<_>, Vec<_>) = contestants.partition(|c| c.method.depends_on_time());
-        let mut loops = Vec::new();
-        if !together.is_empty() {
-            loops.push(Self { contestants: together, ..self.clone() });
-        }
-        for contestant in alone {
-            let pictures = if loops.is_empty() { self.values.pictures } else { 0 };
-            // In a second turn the build may have ended, and the shorter time would be that without
-            // it.
-            let values = Values { pictures, turns: 1, ..self.values };
-            loops.push(Self { contestants: vec![contestant], values, ..self.clone() });
-        }
-        loops
-    }
-
     fn is_measured(&self, frame: usize) -> bool {
         frame.is_multiple_of(self.measure_every)
     }
@@ -122,10 +103,19 @@ pub(crate) fn measure(label: &str, stage: &mut Stage, plan: &Plan, mut log: Log<
         shown: HashMap::new(),
         rays: HashMap::new(),
     };
-    for plan in plan.loops().into_iter().take_while(|_| !interrupt::requested()) {
-        let is_of = |row: &mut Row| plan.contestants.iter().any(|c| c.name == row.strategy);
+    // The strategies that take turns, then each that builds in the background.
+    let mut contestants = plan.contestants.clone();
+    contestants.sort_by_key(|c| c.method.depends_on_time());
+    let groups = contestants.chunk_by(|_, next| !next.method.depends_on_time());
+    for (i, group) in groups.enumerate().take_while(|_| !interrupt::requested()) {
+        let is_of = |row: &mut Row| group.iter().any(|c| c.name == row.strategy);
         let done = done.extract_if(.., is_of).collect();
-        run.plan = plan;
+        // In a second turn the build may have ended, and the shorter time would be that without it.
+        let turns = if group[0].method.depends_on_time() { 1 } else { plan.values.turns };
+        // The first group is shown.
+        let pictures = if i == 0 { plan.values.pictures } else { 0 };
+        let values = Values { turns, pictures, ..plan.values };
+        run.plan = Plan { contestants: group.to_vec(), values, ..plan.clone() };
         run.make_lanes(stage)?;
         rows.extend(run.measure(stage, done)?);
     }
