@@ -4,6 +4,9 @@
 //! could bear the name of its strategy, by which the page links charts and tables.
 
 use std::collections::HashSet;
+use std::fmt;
+
+use indicatif::{HumanCount, HumanFloatCount};
 
 /// One panel.
 #[derive(Default)]
@@ -290,7 +293,7 @@ pub(crate) fn number(value: f64) -> String {
     let magnitude = value.abs();
     let decimals = match magnitude {
         _ if !value.is_finite() => return "–".to_owned(),
-        m if m >= 999.5 => return thousands(&format!("{value:.0}")),
+        m if m >= 999.5 => return thousands(HumanFloatCount(value)),
         m if m >= 99.95 || m == 0.0 => 0,
         m if m >= 9.995 => 1,
         m if m >= 0.9995 => 2,
@@ -301,7 +304,7 @@ pub(crate) fn number(value: f64) -> String {
 
 /// How many of something.
 pub(crate) fn count(n: u64) -> String {
-    thousands(&n.to_string())
+    thousands(HumanCount(n))
 }
 
 /// A number as short as it may be, powers of ten split off where it is small.
@@ -316,16 +319,9 @@ fn short(value: f64) -> String {
     if text.contains('.') && !text.contains('e') { trimmed.to_owned() } else { text }
 }
 
-/// Digits, perhaps signed, in groups of three.
-fn thousands(digits: &str) -> String {
-    let mut out = String::new();
-    for (i, c) in digits.chars().enumerate() {
-        if i > 0 && (digits.len() - i).is_multiple_of(3) && !out.ends_with('-') {
-            out.push('\u{202f}');
-        }
-        out.push(c);
-    }
-    out
+/// A whole number in groups of three digits, apart from one another.
+fn thousands(number: impl fmt::Display) -> String {
+    format!("{number:.0}").replace(',', "\u{202f}")
 }
 
 #[cfg(test)]
@@ -336,6 +332,8 @@ mod tests {
     fn numbers_are_short() {
         let texts = [0.0, 0.5, 1.234, 12.34, 123.4, 12_345.0, -1234.0, f64::NAN].map(number);
         assert_eq!(texts, ["0", "0.500", "1.23", "12.3", "123", "12\u{202f}345", "-1\u{202f}234", "–"]);
+        assert_eq!(number(-123_456.0), "-123\u{202f}456");
+        assert_eq!(count(1_234_567), "1\u{202f}234\u{202f}567");
         assert_eq!((precise(0.0012), short(2.0), short(0.001)), ("1.2e-3".into(), "2".into(), "1e-3".into()));
     }
 

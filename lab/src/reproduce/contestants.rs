@@ -7,7 +7,7 @@ use anyhow::Result;
 use bvh_build::BuildOptions;
 use bvh_core::{Bvh, Triangles};
 use bvh_related::System;
-use bvh_update::{Auto, Background, Builder, Load, Rotate, Strategy, Update, Updater};
+use bvh_update::{Background, Builder, Load, Rotate, Strategy, Update, Updater};
 
 use super::paper_binned;
 use crate::pool::PAPER_THREADS;
@@ -20,7 +20,9 @@ pub(crate) struct Contestant {
     pub(crate) of: &'static str,
     /// What is run.
     pub(crate) method: Method,
-    pub(crate) counted: Counted,
+    /// What counts of an update's measured time: 1 as measured, 0 for an update that happens
+    /// instantly, 1 / the paper's threads for a serial update that scales perfectly.
+    pub(crate) factor: f64,
 }
 
 /// How a tree is brought up to date.
@@ -31,17 +33,6 @@ pub(crate) enum Method {
     Rebuild(fn(&mut Bvh, &Triangles<'_>) -> Result<Update>, &'static str),
     /// A system of another paper.
     System(System),
-}
-
-/// How the time of an update is counted.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Counted {
-    /// As measured.
-    Measured,
-    /// Not at all: an update that happens instantly.
-    Free,
-    /// Divided by the paper's number of threads: a serial update that scales perfectly.
-    Divided,
 }
 
 /// An instant sweep rebuild: the bound for every update (Kopta et al. 2012, section 3, "ideal
@@ -66,7 +57,7 @@ const ON_DEMAND: [&str; 4] = ["refit+rebuild", "refit+regrow", "refit+background
 impl Contestant {
     /// All of them.
     pub(crate) fn all() -> Vec<Self> {
-        let measured = |name, method| Self { name, of: name, method, counted: Counted::Measured };
+        let measured = |name, method| Self { name, of: name, method, factor: 1.0 };
         let strategies = Strategy::all();
         let mut all: Vec<_> = strategies.iter().map(|&s| measured(s.name(), Method::Strategy(s))).collect();
         let about = "serial binned rebuild with bins along one axis";
@@ -76,12 +67,12 @@ impl Contestant {
             let background = Background { rotate, builder: Builder::BinnedParallel };
             all.push(measured(name, Method::Strategy(Strategy::Background(background))));
         }
-        for (name, builder, counted) in [
-            (IDEAL, Builder::Sweep, Counted::Free),
-            (IDEAL_PARALLEL_BINNED, Builder::Binned, Counted::Divided),
+        for (name, builder, factor) in [
+            (IDEAL, Builder::Sweep, 0.0),
+            (IDEAL_PARALLEL_BINNED, Builder::Binned, 1.0 / PAPER_THREADS as f64),
         ] {
             let method = Method::Strategy(Strategy::Rebuild(builder, BuildOptions::default()));
-            all.push(Self { name, of: builder.name(), method, counted });
+            all.push(Self { name, of: builder.name(), method, factor });
         }
         all
     }
@@ -102,36 +93,37 @@ impl Contestant {
 
     /// How its update time comes about, in words; nothing if it is a strategy's, simply measured.
     pub(crate) fn accounting(&self) -> Option<String> {
-        match (self.counted, self.method) {
-            (Counted::Measured, Method::Strategy(_)) => None,
-            (Counted::Measured, Method::Rebuild(_, about)) => Some(about.to_owned()),
-            (Counted::Measured, Method::System(system)) => system
-                .knows_animation()
-                .then(|| format!("knows {POSES} poses in advance; preparation not counted")),
-            (Counted::Free, _) => Some(format!("{} rebuild, its time not counted", self.of)),
-            (Counted::Divided, _) => {
+        match self.method {
+            _ if self.factor == 0.0 => Some(format!("{} rebuild, its time not counted", self.of)),
+            _ if self.factor < 1.0 => {
                 Some(format!("serial {} rebuild, its time divided by {PAPER_THREADS}", self.of))
             }
+            Method::Strategy(_) => None,
+            Method::Rebuild(_, about) => Some(about.to_owned()),
+            Method::System(system) => system
+                .knows_animation()
+                .then(|| format!("knows {POSES} poses in advance; preparation not counted")),
         }
     }
 }
 
 impl Method {
-    /// The same, for trees that each show one picture with `size` pixels on a side.
-    pub(crate) fn for_picture(self, size: u32) -> Self {
-        match self {
-            Self::Strategy(strategy) => Self::Strategy(for_picture(strategy, size)),
-            other => other,
-        }
-    }
-
     /// The method at work on `tree`. Methods that know the animation look at `poses` and put a tree
     /// of their own in the place of `tree`.
     pub(crate) fn start(self, tree: &mut Bvh, poses: &[Triangles<'_>]) -> Result<Worker> {
         Ok(match self {
-            Self::Strategy(strategy) => Worker::Updater(Updater::new(strategy)),
-            Self::Rebuild(function, _) => Worker::Rebuild(function),
-            Self::System(system) => Worker::System(bvh_related::Keeper::new(system, tree, poses)?),
+            Self::Strategy(strategy) => {
+                let mut updater = Updater::new(strategy);
+                Box::new(move |tree, triangles, load| {
+                    updater.report(load);
+                    Ok(updater.update(tree, triangles)?)
+                })
+            }
+            Self::Rebuild(function, _) => Box::new(move |tree, triangles, _| function(tree, triangles)),
+            Self::System(system) => {
+                let mut keeper = bvh_related::Keeper::new(system, tree, poses)?;
+                Box::new(move |tree, triangles, _| Ok(keeper.update(tree, triangles)?))
+            }
         })
     }
 
@@ -151,57 +143,15 @@ impl Method {
     }
 }
 
-/// A strategy for trees that each show one picture with `size` pixels on a side: a ray from the eye
-/// and one from the light for each, in packets.
-pub(super) fn for_picture(strategy: Strategy, size: u32) -> Strategy {
-    let rays = 2 * u64::from(size).pow(2);
-    match strategy {
-        Strategy::Auto(_) => Strategy::Auto(Auto { load: Load::PacketRays(rays) }),
-        other => other,
-    }
+/// The load of a picture with `size` pixels on a side, before one is rendered: a ray from the eye
+/// and one from the light for each pixel, in packets.
+pub(super) fn load_of(size: u32) -> Load {
+    Load::PacketRays(2 * u64::from(size).pow(2))
 }
 
-/// Whether a strategy builds in the background, and plays the loops without the others.
-pub(crate) fn plays_alone(name: &str) -> bool {
-    Contestant::all().iter().any(|c| c.name == name && c.method.depends_on_time())
-}
-
-/// A method with what it keeps from frame to frame.
-#[derive(Debug)]
-pub(crate) enum Worker {
-    Updater(Updater),
-    Rebuild(fn(&mut Bvh, &Triangles<'_>) -> Result<Update>),
-    System(bvh_related::Keeper),
-}
-
-impl Worker {
-    /// Brings its tree up to date with the triangles.
-    pub(crate) fn update(&mut self, tree: &mut Bvh, triangles: &Triangles<'_>) -> Result<Update> {
-        match self {
-            Self::Updater(updater) => Ok(updater.update(tree, triangles)?),
-            Self::Rebuild(function) => function(tree, triangles),
-            Self::System(keeper) => Ok(keeper.update(tree, triangles)?),
-        }
-    }
-
-    /// Reports the rays of a frame.
-    pub(crate) fn report(&mut self, load: Load) {
-        if let Self::Updater(updater) = self {
-            updater.report(load);
-        }
-    }
-}
-
-impl Counted {
-    /// What counts of a measured time.
-    pub(crate) fn of(self, ms: f64) -> f64 {
-        match self {
-            Self::Measured => ms,
-            Self::Free => 0.0,
-            Self::Divided => ms / PAPER_THREADS as f64,
-        }
-    }
-}
+/// A method with what it keeps from frame to frame. Brings its tree up to date with the triangles;
+/// the load is what rays ask of the tree.
+pub(crate) type Worker = Box<dyn FnMut(&mut Bvh, &Triangles<'_>, Load) -> Result<Update> + Send + Sync>;
 
 #[cfg(test)]
 mod tests {
@@ -234,17 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn only_auto_takes_the_number_of_rays() {
-        for contestant in Contestant::all() {
-            match (contestant.method, contestant.method.for_picture(16)) {
-                (Method::Strategy(Strategy::Auto(_)), Method::Strategy(Strategy::Auto(now))) => {
-                    assert_eq!(now.load, Load::PacketRays(512));
-                }
-                (Method::Strategy(before), Method::Strategy(now)) => assert_eq!(before, now),
-                (Method::Rebuild(..), Method::Rebuild(..)) => {}
-                (Method::System(before), Method::System(now)) => assert_eq!(before, now),
-                (before, now) => panic!("{before:?} became {now:?}"),
-            }
-        }
+    fn a_picture_asks_for_two_rays_a_pixel() {
+        assert_eq!(load_of(16), Load::PacketRays(512));
     }
 }

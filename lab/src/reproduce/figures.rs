@@ -82,13 +82,12 @@ fn pair(
 
 /// Figure 6 for one scene: (a) frame time, (b) SAH cost, over all loops.
 fn over_frames(results: &Results, scene: &SceneRun) -> Option<[Chart; 2]> {
-    let frames = scene.facts.frames;
-    let last = scene.rows.last().map(|row| row.round * frames + row.frame)?;
+    let last = scene.rows.last()?;
     let all = &results.settings.strategies;
     let has_lines = all.iter().any(|name| LINES.contains(&name.as_str()));
     let drawn = || all.iter().filter(|name| !has_lines || LINES.contains(&name.as_str()));
-    Some(pair(scene, "frame", (last / frames, frames), |value| {
-        let at = |row: &Row| ((row.round * frames + row.frame) as f64, value(row));
+    Some(pair(scene, "frame", (last.round, last.frames_per_loop), |value| {
+        let at = |row: &Row| (row.step() as f64, value(row));
         drawn().map(|name| line(name, color(name), scene.of(name).into_iter().map(at))).collect()
     }))
 }
@@ -117,12 +116,11 @@ fn over_loops(scene: &SceneRun) -> Option<[Chart; 2]> {
 /// The museum from all its key frames: cost with rotations, over loops.
 fn from_other_keys(results: &Results) -> Option<Chart> {
     let runs: Vec<_> = [MUSEUM].iter().chain(&OTHER_KEYS).filter_map(|name| results.scene(name)).collect();
-    let frames = runs.first().filter(|_| runs.len() > 1)?.facts.frames;
-    let at = |row: &Row| ((row.round * frames + row.frame) as f64, row.sah_cost);
+    let at = |row: &Row| (row.step() as f64, row.sah_cost);
     let line = |(i, scene): (usize, &&SceneRun)| {
         line(&scene.facts.label, i, scene.of(SPEED_STRATEGY).into_iter().map(at))
     };
-    Some(Chart {
+    (runs.len() > 1).then(|| Chart {
         title: "bart-museum, started from each key frame".to_owned(),
         x_label: "frame".to_owned(),
         y_label: "SAH cost with rotations".to_owned(),

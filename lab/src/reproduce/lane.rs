@@ -17,6 +17,8 @@ pub(super) struct Lane {
     /// The tree, and after it its twins: trees of the later turns, of which the first is traced.
     /// None where trees take long to prepare or to update: then the tree itself is traced once more.
     pub(super) trees: Vec<Tree>,
+    /// What rays ask of each tree.
+    pub(super) load: Load,
     /// Whether the tree fits the present frame.
     pub(super) is_current: bool,
     /// Shortest time of the present frame's update.
@@ -52,6 +54,7 @@ impl Lane {
     pub(super) fn new(
         name: &'static str,
         method: Method,
+        load: Load,
         stage: &Stage,
         poses: &[Vec<Vec3>],
     ) -> Result<Self> {
@@ -60,6 +63,7 @@ impl Lane {
             name,
             method,
             trees,
+            load,
             is_current: false,
             update_ms: f64::INFINITY,
             trace_ms: f64::INFINITY,
@@ -92,7 +96,7 @@ impl Lane {
     /// Updates the tree in the first turn, each twin in one of the others.
     pub(super) fn update(&mut self, turn: usize, stage: &Stage) -> Result<()> {
         let Some(Tree { bvh, worker, update }) = self.trees.get_mut(turn) else { return Ok(()) };
-        let (updated, update_ms) = timed(|| worker.update(bvh, &stage.triangles()));
+        let (updated, update_ms) = timed(|| worker(bvh, &stage.triangles(), self.load));
         *update = updated.with_context(|| format!("{}: {} failed", stage.scene.name, self.name))?;
         self.update_ms = self.update_ms.min(update_ms);
         Ok(())
@@ -109,14 +113,12 @@ impl Lane {
         }
     }
 
-    /// Ends a frame: counts its update, and reports to what updates the trees how many nodes the
-    /// rays opened, if there were any.
+    /// Ends a frame: counts its update, and takes as the next one's load how many nodes the rays
+    /// opened, if there were any.
     pub(super) fn end(&mut self, nodes_opened: Option<u64>) {
         self.updates += 1;
         self.updates_ms += self.update_ms;
-        for worker in self.trees.iter_mut().map(|tree| &mut tree.worker) {
-            nodes_opened.into_iter().for_each(|nodes| worker.report(Load::PacketNodes(nodes)));
-        }
+        self.load = nodes_opened.map_or(self.load, Load::PacketNodes);
     }
 
     /// The row of a frame that was measured, whose other columns are in `common`; and whether the

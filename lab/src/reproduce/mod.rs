@@ -31,7 +31,6 @@ use pivot_benches::embree::Device;
 use scenes::{FrameStage, Scene};
 
 use self::accuracy::Point;
-use self::contestants::plays_alone;
 use self::journal::Journal;
 use self::options::Experiment;
 use self::output::Output;
@@ -170,12 +169,8 @@ pub fn run(args: &Args) -> Result<()> {
 /// Gives the entries what an earlier run has measured of them, and returns the points of accuracy
 /// of those that it finished.
 fn take_over(mut saved: Saved, entries: &mut [Entry]) -> Vec<Point> {
-    fn in_turns(names: &[impl AsRef<str>]) -> usize {
-        names.iter().filter(|name| !plays_alone(name.as_ref())).count()
-    }
-    let all = in_turns(&saved.results.settings.strategies);
     for entry in &mut *entries {
-        entry.before = saved.scene(&entry.label, entry.supplement.map_or(all, in_turns));
+        entry.before = saved.scene(&entry.label);
     }
     let is_kept = |point: &Point| entries.iter().any(|e| e.before.facts.finished && e.label == point.scene);
     saved.results.accuracy.into_iter().filter(is_kept).collect()

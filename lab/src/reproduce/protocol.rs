@@ -28,7 +28,7 @@ use rayon::prelude::*;
 use rt_cpu::{RenderOptions, RenderStats};
 
 use super::check::{self, Checks};
-use super::contestants::{Contestant, POSES};
+use super::contestants::{Contestant, POSES, load_of};
 use super::journal::Journal;
 use super::lane::{LONG_MS, Lane};
 use super::preset::Values;
@@ -54,25 +54,6 @@ impl Plan {
     /// Frames in all loops together.
     pub(crate) fn steps(&self) -> usize {
         ((self.values.frames as f64 * self.values.loops).round() as usize).max(1)
-    }
-
-    /// The strategies that take turns, then each that builds in the background. The first loop is
-    /// shown.
-    fn loops(&self) -> Vec<Self> {
-        let contestants = self.contestants.iter().copied();
-        let (alone, together): (Vec<_>, Vec<_>) = contestants.partition(|c| c.method.depends_on_time());
-        let mut loops = Vec::new();
-        if !together.is_empty() {
-            loops.push(Self { contestants: together, ..self.clone() });
-        }
-        for contestant in alone {
-            let pictures = if loops.is_empty() { self.values.pictures } else { 0 };
-            // In a second turn the build may have ended, and the shorter time would be that without
-            // it.
-            let values = Values { pictures, turns: 1, ..self.values };
-            loops.push(Self { contestants: vec![contestant], values, ..self.clone() });
-        }
-        loops
     }
 
     fn is_measured(&self, frame: usize) -> bool {
@@ -122,10 +103,19 @@ pub(crate) fn measure(label: &str, stage: &mut Stage, plan: &Plan, mut log: Log<
         shown: HashMap::new(),
         rays: HashMap::new(),
     };
-    for plan in plan.loops().into_iter().take_while(|_| !interrupt::requested()) {
-        let is_of = |row: &mut Row| plan.contestants.iter().any(|c| c.name == row.strategy);
+    // The strategies that take turns, then each that builds in the background.
+    let mut contestants = plan.contestants.clone();
+    contestants.sort_by_key(|c| c.method.depends_on_time());
+    let groups = contestants.chunk_by(|_, next| !next.method.depends_on_time());
+    for (i, group) in groups.enumerate().take_while(|_| !interrupt::requested()) {
+        let is_of = |row: &mut Row| group.iter().any(|c| c.name == row.strategy);
         let done = done.extract_if(.., is_of).collect();
-        run.plan = plan;
+        // In a second turn the build may have ended, and the shorter time would be that without it.
+        let turns = if group[0].method.depends_on_time() { 1 } else { plan.values.turns };
+        // The first group is shown.
+        let pictures = if i == 0 { plan.values.pictures } else { 0 };
+        let values = Values { turns, pictures, ..plan.values };
+        run.plan = Plan { contestants: group.to_vec(), values, ..plan.clone() };
         run.make_lanes(stage)?;
         rows.extend(run.measure(stage, done)?);
     }
@@ -159,13 +149,13 @@ impl Run<'_> {
         // Those of the plan before end first.
         lanes.clear();
         // Side by side: methods that know the animation take long to prepare, and that is not counted.
-        let (shared, size) = (&*stage, plan.values.size);
-        let lane = |c: Contestant| Lane::new(c.of, c.method.for_picture(size), shared, &poses);
+        let (shared, load) = (&*stage, load_of(plan.values.size));
+        let lane = |c: Contestant| Lane::new(c.of, c.method, load, shared, &poses);
         *lanes = contestants.into_par_iter().map(lane).collect::<Result<_>>()?;
         stage.pose(0.0);
         // A method that knows the animation refits like the others, and would be prepared again.
         for lane in lanes.iter_mut().filter(|lane| !lane.method.knows_animation()) {
-            let mut warm = Lane::new(lane.name, lane.method, stage, &[])?;
+            let mut warm = Lane::new(lane.name, lane.method, load, stage, &[])?;
             warm.update(0, stage)?;
             warm.trace(0, stage, renderer);
             if plan.values.turns > 1 {
@@ -182,7 +172,7 @@ impl Run<'_> {
         let alone = self.lanes.first().filter(|lane| lane.method.depends_on_time());
         let who = alone.map_or(String::new(), |lane| format!(", {}", lane.name));
         let progress = Progress::new(format!("{}{who}, {frames} frames a loop", self.label), steps as u64);
-        let replayed = done.last().map_or(0, |row| row.round * frames + row.frame + 1);
+        let replayed = done.last().map_or(0, |row| row.step() + 1);
         let mut all_rows = done;
         for step in (0..steps).take_while(|_| !interrupt::requested()) {
             let (round, frame) = (step / frames, step % frames);
@@ -204,7 +194,7 @@ impl Run<'_> {
                 };
                 self.rows(&common.posed(&posed))
             } else {
-                self.recall(&all_rows, round, frame);
+                self.recall(&all_rows, step);
                 Vec::new()
             };
             if round == 0 && self.plan.is_one_of(frame, values.check_frames) {
@@ -283,7 +273,7 @@ impl Run<'_> {
         let row = |c: &Contestant| {
             let at = self.lanes.iter().position(|lane| lane.name == c.of)?;
             let row = rows[at].clone();
-            let [update_ms, updates_ms] = [row.update_ms, row.updates_ms].map(|ms| rounded(c.counted.of(ms)));
+            let [update_ms, updates_ms] = [row.update_ms, row.updates_ms].map(|ms| rounded(c.factor * ms));
             let frame_ms = rounded(update_ms + row.trace_ms);
             Some(Row { strategy: c.name.to_owned(), update_ms, frame_ms, updates_ms, ..row })
         };
@@ -292,8 +282,8 @@ impl Run<'_> {
 
     /// Ends a frame that is not measured. If an earlier run has measured it, its rays are reported,
     /// so that trees take the same course.
-    fn recall(&mut self, rows: &[Row], round: usize, frame: usize) {
-        let now: Vec<_> = rows.iter().filter(|row| [row.round, row.frame] == [round, frame]).collect();
+    fn recall(&mut self, rows: &[Row], step: usize) {
+        let now: Vec<_> = rows.iter().filter(|row| row.step() == step).collect();
         for lane in &mut self.lanes {
             let row = now.iter().find(|row| row.strategy == lane.name);
             if lane.is_current {

@@ -70,6 +70,13 @@ pub(crate) struct Row {
     pub(crate) updates_ms: f64,
 }
 
+impl Row {
+    /// Frames since the first one of all loops.
+    pub(crate) fn step(&self) -> usize {
+        self.round * self.frames_per_loop + self.frame
+    }
+}
+
 /// Mean time of a strategy's updates up to the last row, those between rows included: rare ones may
 /// be long. Not a number if there are no rows.
 pub(crate) fn mean_update_ms(rows: &[&Row]) -> f64 {

@@ -195,8 +195,8 @@ impl SceneRun {
 
     /// Rows of two strategies on the same frames, in order; none if either was not run.
     pub(crate) fn pairs(&self, a: &str, b: &str) -> Vec<(&Row, &Row)> {
-        let of_b: BTreeMap<_, _> = self.of(b).into_iter().map(|row| ((row.round, row.frame), row)).collect();
-        self.of(a).into_iter().filter_map(|row| Some((row, *of_b.get(&(row.round, row.frame))?))).collect()
+        let of_b: BTreeMap<_, _> = self.of(b).into_iter().map(|row| (row.step(), row)).collect();
+        self.of(a).into_iter().filter_map(|row| Some((row, *of_b.get(&row.step())?))).collect()
     }
 }
 

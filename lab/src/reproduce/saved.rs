@@ -8,7 +8,6 @@ use anyhow::{Context, Result, ensure};
 use serde_json::Value;
 
 use super::check::Checks;
-use super::contestants::plays_alone;
 use super::journal::read;
 use super::record::Row;
 use super::results::{Results, SceneRun, Settings};
@@ -89,10 +88,9 @@ fn take(rows: &mut [Vec<Row>; 2], label: &str) -> [Vec<Row>; 2] {
 }
 
 impl Saved {
-    /// What was measured on a scene: all, or else rows without those of an incomplete last step,
-    /// and what was compared. A step of the strategies that take turns has as many rows as the
-    /// first, at most `strategies`; of figure 5 those of [`speed_strategies`].
-    pub(super) fn scene(&mut self, label: &str, strategies: usize) -> SceneRun {
+    /// What was measured on a scene: all, or else rows of [whole steps](whole_steps), and what was
+    /// compared.
+    pub(super) fn scene(&mut self, label: &str) -> SceneRun {
         let at = self.results.scenes.iter().position(|run| run.facts.label == label);
         let run = at.map(|at| self.results.scenes.remove(at)).unwrap_or_else(|| {
             let [rows, speed_rows] = take(&mut self.rest, label);
@@ -101,10 +99,7 @@ impl Saved {
         if run.facts.finished {
             return run;
         }
-        let rows_a_step = rows_of_first_step(&run.rows).unwrap_or(strategies);
-        let rows = whole_steps(run.rows, rows_a_step);
-        let rows_a_step = run.speed_rows.last().map_or(0, |row| speed_strategies(row.frames_per_loop).len());
-        let speed_rows = whole_steps(run.speed_rows, rows_a_step);
+        let [rows, speed_rows] = [run.rows, run.speed_rows].map(whole_steps);
         // Trees that depend on the past are checked again on the way to where it goes on.
         let checks = Checks { rays: 0, rays_hit: 0, trees: 0, ..run.checks };
         SceneRun { checks, rows, speed_rows, ..SceneRun::default() }
@@ -131,21 +126,17 @@ impl Saved {
     }
 }
 
-/// How many rows the first step of the strategies that take turns has, if there are more steps.
-fn rows_of_first_step(rows: &[Row]) -> Option<usize> {
-    let step = |row: &Row| (row.round, row.frame);
-    let first = rows.first().map(step)?;
-    let in_turns = rows.iter().filter(|row| !plays_alone(&row.strategy));
-    let count = in_turns.clone().filter(|row| step(row) == first).count();
-    (count < in_turns.count()).then_some(count)
-}
-
-fn whole_steps(mut rows: Vec<Row>, rows_a_step: usize) -> Vec<Row> {
-    let step = |row: &Row| (row.frames_per_loop, row.round, row.frame);
-    if let Some(last) = rows.last().filter(|row| !plays_alone(&row.strategy)).map(step)
-        && rows.iter().filter(|row| step(row) == last).count() < rows_a_step
-    {
-        rows.retain(|row| step(row) != last);
+/// Leaves out the last step unless it is sure to be whole. Rows of a step are written in the order
+/// of the contestants, so it is whole if it ends with the same strategy as the step before it. The
+/// first step of strategies that take turns, or of one that plays alone, has no such step before
+/// it, and is left out.
+fn whole_steps(mut rows: Vec<Row>) -> Vec<Row> {
+    let Some(last) = rows.last() else { return rows };
+    let before = rows.iter().rposition(|row| row.step() != last.step());
+    let end = |row: &Row| (row.frames_per_loop, row.strategy.clone());
+    let is_whole = before.is_some_and(|at| end(&rows[at]) == end(last));
+    if !is_whole {
+        rows.truncate(before.map_or(0, |at| at + 1));
     }
     rows
 }
@@ -155,27 +146,25 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_first_step_says_how_many_rows_make_one() {
-        let row = |frame, strategy: &str| Row { frame, strategy: strategy.to_owned(), ..Row::default() };
-        let mut rows = vec![row(0, "refit"), row(0, "auto")];
-        assert_eq!(rows_of_first_step(&rows), None, "it may be incomplete");
-        rows.push(row(0, "asynchronous"));
-        assert_eq!(rows_of_first_step(&rows), None);
-        rows.insert(2, row(5, "refit"));
-        assert_eq!(rows_of_first_step(&rows), Some(2));
-        assert_eq!(rows_of_first_step(&[]), None);
-    }
-
-    #[test]
     fn only_an_incomplete_last_step_is_measured_again() {
-        let row = |frames_per_loop, round, frame| Row { round, frame, frames_per_loop, ..Row::default() };
-        let rows = vec![row(20, 0, 1), row(20, 1, 1), row(100, 0, 1), row(100, 0, 1)];
-        assert_eq!(whole_steps(rows.clone(), 2), rows);
-        assert_eq!(whole_steps(rows.clone(), 3), rows[..2]);
-        assert_eq!(whole_steps(Vec::new(), 3), []);
-        // What plays alone has one row a step, after all of those that take turns.
-        let strategy = "asynchronous".to_owned();
-        let rows = [rows[..2].to_vec(), vec![Row { strategy, ..row(20, 0, 1) }]].concat();
-        assert_eq!(whole_steps(rows.clone(), 3), rows);
+        let step = |frames_per_loop, frame, strategies: &[&str]| -> Vec<Row> {
+            let row =
+                |name: &&str| Row { frames_per_loop, frame, strategy: (*name).to_owned(), ..Row::default() };
+            strategies.iter().map(row).collect()
+        };
+        let turns = |frame| step(20, frame, &["refit", "auto", "ideal"]);
+        let alone = |frame| step(20, frame, &["asynchronous"]);
+        let all = [turns(0), turns(5), turns(10), alone(0), alone(5), alone(10)].concat();
+        // After how many rows a run may be killed, and how many of them are kept.
+        let kept = [0, 0, 0, 0, 3, 3, 6, 6, 6, 9, 9, 11, 12];
+        for (killed, kept) in kept.into_iter().enumerate() {
+            assert_eq!(whole_steps(all[..killed].to_vec()), all[..kept], "killed after {killed} rows");
+        }
+        // A run of one frame, where steps of all follow one another.
+        let one = [turns(0), alone(0)].concat();
+        assert_eq!(whole_steps(one), []);
+        // Figure 5 goes on at another speed.
+        let speeds = [step(20, 5, &["refit+rotate"]), step(100, 0, &["refit+rotate"])].concat();
+        assert_eq!(whole_steps(speeds.clone()), speeds[..1]);
     }
 }

@@ -162,8 +162,7 @@ fn decisions(scene: &SceneRun, strategy: &str) -> Vec<Decided> {
             kind.frames += 1;
             (*least, *most) = (n.min(*least), n.max(*most));
         } else {
-            let first = row.round * scene.facts.frames + row.frame;
-            kinds.push((Decided { decision, frames: 1, first }, [n; 2]));
+            kinds.push((Decided { decision, frames: 1, first: row.step() }, [n; 2]));
         }
     }
     if kinds.iter().all(|(kind, _)| kind.decision == ALWAYS || kind.decision.is_empty()) {

@@ -3,17 +3,14 @@
 
 use anyhow::{Context, Result};
 use bvh_build::{BuildOptions, BuildScratch, Builder, rebuild};
-use bvh_core::{Bvh, MAX_HEIGHT, Triangles};
-use bvh_update::{Rotate, Strategy, Updater, plain};
+use bvh_core::{Bvh, MAX_HEIGHT};
+use bvh_update::{Rotate, Strategy, Update, plain};
 
 use super::Point;
 use super::bench::{Bench, fastest, noise};
 use crate::interrupt;
-use crate::reproduce::contestants::for_picture;
+use crate::reproduce::contestants::{Method, Worker, load_of};
 use crate::stage::{fresh_tree, timed};
-
-/// Brings a tree up to date; gives the milliseconds of that, and the height.
-type Update = Box<dyn FnMut(&mut Bvh, &Triangles<'_>) -> Result<(f64, u32)>>;
 
 /// A way to update a tree, at work.
 struct Entrant {
@@ -21,7 +18,7 @@ struct Entrant {
     is_default: bool,
     /// Whether the tree depends on the current frame only.
     rebuilds: bool,
-    update: Update,
+    update: Worker,
     tree: Bvh,
     /// Times of the updates.
     times_ms: Vec<f64>,
@@ -31,21 +28,18 @@ struct Entrant {
 }
 
 impl Entrant {
-    fn new(setting: String, is_default: bool, tree: Bvh, update: Update) -> Self {
+    fn new(setting: String, is_default: bool, tree: Bvh, update: Worker) -> Self {
         let (times_ms, height, errors) = (Vec::new(), 0, [0.0; 2]);
         Self { setting, is_default, rebuilds: false, update, tree, times_ms, height, errors }
     }
 
     fn of(strategy: Strategy, setting: String, bench: &Bench<'_>) -> Result<Self> {
-        let (name, tree) = (setting.clone(), Bvh::clone(&bench.stage.first_tree));
-        let is_default = name == Strategy::default().name();
-        let mut updater = Updater::new(for_picture(strategy, bench.log.effort.size));
-        let mut update: Update = Box::new(move |tree, triangles| {
-            let (done, time_ms) = timed(|| updater.update(tree, triangles));
-            Ok((time_ms, done.with_context(|| format!("{name} failed"))?.height))
-        });
+        let mut tree = Bvh::clone(&bench.stage.first_tree);
+        let is_default = setting == Strategy::default().name();
+        let mut update = Method::Strategy(strategy).start(&mut tree, &[])?;
         // It finds its memory, on a tree that is thrown away.
-        update(&mut tree.clone(), &bench.stage.triangles())?;
+        let warm = update(&mut tree.clone(), &bench.stage.triangles(), load_of(bench.log.effort.size));
+        warm.with_context(|| format!("{setting} failed"))?;
         let rebuilds = matches!(strategy, Strategy::Rebuild(..));
         Ok(Self { rebuilds, ..Self::new(setting, is_default, tree, update) })
     }
@@ -82,12 +76,11 @@ pub(super) fn height_bounds(bench: &mut Bench<'_>) -> Result<()> {
             true => "height of the first tree".to_owned(),
             false => format!("{bound} levels"),
         };
-        let run = move |tree: &mut Bvh, triangles: &Triangles<'_>| {
-            let rotate = Some(Rotate::default());
-            let (_, time_ms) = timed(|| plain::update_below(tree, triangles, rotate, MAX_HEIGHT - bound));
-            Ok((time_ms, tree.height()))
-        };
-        Entrant::new(setting, bound == MAX_HEIGHT, first.clone(), Box::new(run))
+        let update: Worker = Box::new(move |tree, triangles, _| {
+            plain::update_below(tree, triangles, Some(Rotate::default()), MAX_HEIGHT - bound);
+            Ok(Update { height: tree.height(), ..Update::default() })
+        });
+        Entrant::new(setting, bound == MAX_HEIGHT, first.clone(), update)
     };
     let entrants = std::iter::once(lowest).chain(higher).map(entrant).collect();
     play(bench, "height bound", "the plain update", entrants)
@@ -111,9 +104,11 @@ fn play(bench: &mut Bench<'_>, knob: &str, what: &str, mut entrants: Vec<Entrant
         let part = |frame: usize| frame * wanted / (played - 1);
         let compare = part(frame) != part(frame - 1);
         for entrant in entrants.iter_mut().filter(|e| compare || !e.rebuilds) {
-            let (time_ms, height) = (entrant.update)(&mut entrant.tree, &bench.stage.triangles())?;
+            let (triangles, load) = (bench.stage.triangles(), load_of(bench.log.effort.size));
+            let (done, time_ms) = timed(|| (entrant.update)(&mut entrant.tree, &triangles, load));
+            let done = done.with_context(|| format!("{} failed", entrant.setting))?;
             entrant.times_ms.push(time_ms);
-            entrant.height = entrant.height.max(height);
+            entrant.height = entrant.height.max(done.height);
         }
         if compare {
             let sweep = fresh_tree(bench.stage)?;

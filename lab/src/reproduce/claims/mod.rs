@@ -15,7 +15,7 @@ pub(crate) mod tests;
 use serde::{Deserialize, Serialize};
 
 pub(crate) use self::findings::judges_annealing;
-pub(crate) use self::table::frame_time;
+pub(crate) use self::table::{Table, frame_time};
 use super::results::Results;
 
 /// The bounds of all verdicts, from one file that is never changed.

@@ -10,8 +10,8 @@ use crate::reproduce::results::{Results, SceneRun, Spread};
 
 /// Values by scene, or by whatever else has a name.
 #[derive(Clone)]
-pub(super) struct Table {
-    pub(super) rows: Vec<(String, f64)>,
+pub(crate) struct Table {
+    pub(crate) rows: Vec<(String, f64)>,
     /// Decimals in texts.
     digits: usize,
     /// Whether the values differ from run to run.
@@ -31,7 +31,7 @@ impl Table {
     }
 
     /// Ratios of times, of the scenes that have one.
-    pub(super) fn of<'a>(
+    pub(crate) fn of<'a>(
         scenes: impl IntoIterator<Item = &'a SceneRun>,
         value: impl Fn(&SceneRun) -> Option<f64>,
     ) -> Self {
@@ -85,7 +85,7 @@ impl Table {
     }
 
     /// In how many scenes something holds, which `what` has in words, and where not.
-    pub(super) fn scenes_where(&self, what: &str, holds: impl Fn(f64) -> bool) -> String {
+    pub(crate) fn scenes_where(&self, what: &str, holds: impl Fn(f64) -> bool) -> String {
         match (self.count(&holds), self.len()) {
             (1, 1) => format!("{what} in the only scene"),
             (n, all) if n == all => format!("{what} in every scene"),

@@ -1,6 +1,6 @@
 //! What a run says in two sentences: whether rotations pay, and which strategy to use.
 
-use crate::reproduce::claims::frame_time;
+use crate::reproduce::claims::{Table, frame_time};
 use crate::reproduce::contestants::Contestant;
 use crate::reproduce::record::mean_frame_ms;
 use crate::reproduce::results::{Results, SceneRun, Spread};
@@ -17,35 +17,24 @@ pub(super) fn speedup(scene: &SceneRun) -> Option<f64> {
     frame_time(scene, "refit", "refit+rotate").filter(|ratio| ratio.is_finite())
 }
 
-/// Whether rotations pay, on how many scenes, by how much.
+/// Whether rotations pay, in which scenes, by how much.
 pub(super) fn headline(results: &Results) -> String {
-    let ratios: Vec<_> =
-        results.moving().filter_map(|s| Some((s.facts.label.as_str(), speedup(s)?))).collect();
-    let paid: Vec<f64> = ratios.iter().map(|(_, ratio)| *ratio).filter(|ratio| *ratio > NOISE).collect();
-    let lost: Vec<_> = ratios.iter().filter(|(_, ratio)| *ratio < 1.0 / NOISE).collect();
-    let factor = |ratio: f64| format!("{ratio:.*}", usize::from(ratio < 9.95));
-    let all = ratios.len();
-    let mut text = match Spread::of(paid.iter().copied()) {
-        None if all == 0 => return "This run does not compare rotations with refitting alone.".to_owned(),
-        None if all == 1 => "Rotations do not pay on the only scene.".to_owned(),
-        None => format!("Rotations pay on none of the {all} scenes."),
+    let ratios = Table::of(results.moving(), speedup);
+    let pays = |ratio: f64| ratio > NOISE;
+    let mut text = match Spread::of(ratios.rows.iter().map(|row| row.1).filter(|&ratio| pays(ratio))) {
+        None if ratios.rows.is_empty() => {
+            return "This run does not compare rotations with refitting alone.".to_owned();
+        }
+        None => "Rotations pay in no scene.".to_owned(),
         Some(Spread { min, max, .. }) => {
-            let on = match paid.len() {
-                1 if all == 1 => "the only scene".to_owned(),
-                n if n == all => format!("all {n} scenes"),
-                n => format!("{n} of {all} scenes"),
-            };
-            let (least, most) = (factor(min), factor(max));
+            let [least, most] = [min, max].map(|ratio| format!("{ratio:.*}", usize::from(ratio < 9.95)));
             let range = if least == most { most } else { format!("{least} to {most}") };
-            format!("Rotations pay on {on}: frames are {range} times as fast as with refitting alone.")
+            let what = format!("Rotations pay: frames are {range} times as fast as with refitting alone");
+            ratios.scenes_where(&what, pays) + "."
         }
     };
-    let equal = all - paid.len() - lost.len();
-    if !paid.is_empty() && equal > 0 {
-        text += &format!(" On {equal} they make no difference.");
-    }
-    for (name, ratio) in lost {
-        text += &format!(" On {name} frames take {:.2} times as long with them.", 1.0 / ratio);
+    for (name, ratio) in ratios.rows.iter().filter(|row| row.1 < 1.0 / NOISE) {
+        text += &format!(" In {name} frames take {:.2} times as long with them.", 1.0 / ratio);
     }
     text
 }
@@ -118,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn headlines_say_on_how_many_scenes_rotations_pay() {
+    fn headlines_say_in_which_scenes_rotations_pay() {
         let run = |scenes: &[f64]| {
             let scenes =
                 scenes.iter().zip(["a", "b", "c"]).map(|(&rotate, name)| scene(name, &two(9.0, rotate, 3.0)));
@@ -126,16 +115,18 @@ mod tests {
         };
         assert_eq!(
             run(&[4.0]),
-            "Rotations pay on the only scene: frames are 2.0 times as fast as with refitting alone."
+            "Rotations pay: frames are 2.0 times as fast as with refitting alone in the only scene."
         );
-        assert!(run(&[4.0, 1.0]).starts_with("Rotations pay on all 2 scenes: frames are 2.0 to 5.0 times"));
+        assert_eq!(
+            run(&[4.0, 1.0]),
+            "Rotations pay: frames are 2.0 to 5.0 times as fast as with refitting alone in every scene."
+        );
         let mixed = run(&[4.0, 9.0, 19.0]);
-        assert!(mixed.starts_with("Rotations pay on 1 of 3 scenes: frames are 2.0 times"), "{mixed}");
         assert!(
-            mixed.contains("On 1 they make no difference. On c frames take 2.00 times as long"),
+            mixed.contains("in 1 of 3 scenes; not in b, c. In c frames take 2.00 times as long"),
             "{mixed}"
         );
-        assert_eq!(run(&[9.0, 9.1]), "Rotations pay on none of the 2 scenes.");
+        assert_eq!(run(&[9.0, 9.1]), "Rotations pay in no scene.");
         assert!(run(&[]).contains("does not compare"));
     }
 
