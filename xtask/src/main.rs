@@ -5,7 +5,6 @@
 //! input (one line says what, where, and what would be right), 130 after an interrupt.
 
 mod ci;
-mod layering;
 mod viewer;
 
 use std::io;
@@ -43,7 +42,7 @@ enum Command {
     Effects(effects::Args),
     /// List scenes with the effects each calls for, strategies, builders and SIMD levels
     List(list::Args),
-    /// Format, lints, layering, tests and docs, as a change must pass them
+    /// Format, lints, docs and tests, as a change must pass them
     Ci,
 }
 
