@@ -15,12 +15,12 @@ mod paper_binned;
 mod pictures;
 mod preset;
 mod protocol;
-mod record;
+pub(crate) mod record;
 mod report;
 mod results;
 mod saved;
 mod settle;
-mod stages;
+pub(crate) mod stages;
 mod summary;
 
 use std::time::Instant;
