@@ -1,9 +1,8 @@
 //! Simulated motion: its time step against one many times finer, and how many key frames are kept
 //! of it.
 
-use anim::{Animation, Motion, Pose};
+use anim::{Motion, Pose};
 use anyhow::{Context, Result};
-use bvh_core::Vec3;
 use rayon::prelude::*;
 use scenes::{SceneInfo, SceneOptions, distance};
 
@@ -51,22 +50,6 @@ fn options(log: &Log<'_>, key_frames: usize, steps: usize) -> SceneOptions<'stat
     }
 }
 
-/// What moves, at key frame `key` of `key_frames`.
-fn moved(animation: &dyn Animation, key: usize, key_frames: usize) -> Vec<Vec3> {
-    let mut positions = animation.rest();
-    animation.pose(animation.duration() * key as f64 / (key_frames - 1) as f64, &mut positions);
-    let parts = animation.topology().parts.iter().filter(|part| !part.motion.is_empty());
-    let vertices = parts.flat_map(|part| part.vertices.start as usize..part.vertices.end as usize);
-    vertices.map(|v| positions[v]).collect()
-}
-
-/// Root mean square of the distances, as a fraction of the extent of `b`.
-fn apart(a: &[Vec3], b: &[Vec3]) -> f64 {
-    let sum: f64 = a.iter().zip(b).map(|(p, q)| p.as_dvec3().distance_squared(q.as_dvec3())).sum();
-    let (low, high) = b.iter().fold((Vec3::MAX, Vec3::MIN), |(low, high), &p| (low.min(p), high.max(p)));
-    (sum / b.len().max(1) as f64).sqrt() / f64::from(low.distance(high))
-}
-
 /// The time step of both simulations, against a step many times finer; and what they should keep.
 pub(super) fn steps(log: &mut Log<'_>) -> Result<()> {
     let multiples = log.effort.pick([&MULTIPLES[..3], &[0.0625, 0.125, 0.25, 0.5, 1.0, 4.0], &MULTIPLES]);
@@ -81,8 +64,6 @@ pub(super) fn steps(log: &mut Log<'_>) -> Result<()> {
     let references: Vec<_> = SIMULATED.into_par_iter().map(reference).collect::<Result<_>>()?;
     for (name, own, converged) in references {
         let keys = info(name)?.frames;
-        let moments = COMPARED.into_iter().chain([keys - 1]);
-        let exact: Vec<_> = moments.map(|key| (key, moved(&*converged, key, keys))).collect();
         let multiples = multiples.iter().filter(|&&multiple| multiple < 0.5 * finer as f64);
         for &multiple in multiples.take_while(|_| !interrupt::requested()) {
             let steps = (multiple * own as f64).round().max(1.0) as usize;
@@ -91,11 +72,12 @@ pub(super) fn steps(log: &mut Log<'_>) -> Result<()> {
             let note = format!("time of simulating a loop, with the cloth at {DETAIL} of its triangles");
             let point =
                 Point { note, ..Point::new(&format!("{name} step"), &setting, steps == own, time_ms) };
-            for (key, exact) in &exact {
-                let error = apart(&moved(&*scene.animation, *key, keys), exact);
+            for key in COMPARED.into_iter().chain([keys - 1]) {
+                let time = key as f64 / (keys - 1) as f64;
+                let far = distance(&*scene.animation, &*converged, [time]).context("other vertices")?;
                 let error_name = format!("rms distance to steps {finer} times finer");
                 let point = Point { knob: format!("{name} step at key frame {key}"), ..point.clone() };
-                log.add(point.with(&error_name, error, "of the extent"))?;
+                log.add(point.with(&error_name, far.rms, "of the extent"))?;
             }
             for measure in &scene.measures {
                 log.add(point.with(&measure.name, measure.value, "fraction"))?;
@@ -126,7 +108,8 @@ pub(super) fn key_frames(log: &mut Log<'_>) -> Result<()> {
         }
         let (_, fine) = scenes.pop().context("no reference")?;
         for (spaces, scene) in scenes {
-            let far = distance(&*scene.animation, &*fine.animation, moments).context("other vertices")?;
+            let times = (0..moments).map(|moment| f64::from(moment) / f64::from(moments - 1));
+            let far = distance(&*scene.animation, &*fine.animation, times).context("other vertices")?;
             let mut pose = Pose::new(Motion::all(), &*scene.animation);
             let duration = scene.animation.duration();
             let mut moment = 0.0;
@@ -172,10 +155,11 @@ mod tests {
                     substeps,
                     ..SceneOptions::default()
                 };
-                moved(&*scenes::load(name, None, &options).unwrap().animation, 2, 3)
+                scenes::load(name, None, &options).unwrap().animation
             };
-            assert_eq!(with(None), with(Some(own)), "{name}");
-            assert!(apart(&with(Some(own / 2)), &with(None)) > 0.0);
+            let far = |substeps| distance(&*with(substeps), &*with(None), [1.0]).unwrap();
+            assert_eq!(far(Some(own)).max, 0.0, "{name}");
+            assert!(far(Some(own / 2)).rms > 0.0);
         }
     }
 }
