@@ -13,7 +13,7 @@ use crate::reproduce::journal::Journal;
 use crate::reproduce::preset::{MANY, Preset, Values};
 use crate::reproduce::record::rounded;
 use crate::reproduce::{Spread, median};
-use crate::stage::{Renderer, Stage, timed};
+use crate::stage::{Renderer, Stage};
 
 /// How much is measured of each knob, by preset. What one knob alone has stands with that knob.
 #[derive(Clone, Copy, Debug)]
@@ -25,7 +25,7 @@ pub(crate) struct Effort {
     pub(super) is_cut: bool,
     /// Pixels on a side of the images that are timed.
     pub(super) size: u32,
-    /// Runs of which the fastest counts, where one run is short.
+    /// Rounds of builds, and tenths of the poses.
     pub(super) repeats: usize,
     /// Rounds in which contestants take turns.
     pub(super) rounds: usize,
@@ -159,21 +159,6 @@ pub(super) fn differing(a: &[Pixel], b: &[Pixel]) -> f64 {
 
 /// Milliseconds of a frame below which more rounds are measured.
 const SHORT: f64 = 20.0;
-
-/// Milliseconds that are measured well enough in one go.
-const LONG: f64 = 300.0;
-
-/// Milliseconds of the fastest of `runs` runs; of fewer, if they are long.
-pub(super) fn fastest(runs: usize, mut run: impl FnMut()) -> f64 {
-    let mut least = f64::INFINITY;
-    for _ in 0..runs.max(1) {
-        least = least.min(timed(&mut run).1);
-        if least > LONG {
-            break;
-        }
-    }
-    least
-}
 
 /// The milliseconds of each of `count` contestants that take turns for `rounds` rounds, another
 /// first each time; `run` does a turn and gives its milliseconds. Ends early when interrupted.

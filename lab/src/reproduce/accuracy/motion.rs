@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use scenes::{SceneInfo, SceneOptions, distance};
 
 use super::Point;
-use super::bench::{Log, fastest};
+use super::bench::{Log, in_turns};
 use crate::{files, interrupt, stage};
 
 /// The simulations whose step is varied, and the steps between key frames that they have of their
@@ -113,10 +113,10 @@ pub(super) fn key_frames(log: &mut Log<'_>) -> Result<()> {
             let mut pose = Pose::new(Motion::all(), &*scene.animation);
             let duration = scene.animation.duration();
             let mut moment = 0.0;
-            let time_ms = fastest(10 * log.effort.repeats, || {
+            let time_ms = in_turns(10 * log.effort.repeats, 1, |_| {
                 moment = (moment + 0.377) % 1.0;
-                pose.advance(&*scene.animation, moment * duration);
-            });
+                Ok(stage::timed(|| pose.advance(&*scene.animation, moment * duration)).1)
+            })?[0];
             let (keys, all) = (finest + 1, finest * steps);
             let note = format!("time of posing a frame; against {keys} key frames of the same {all} steps");
             let (knob, setting) = (format!("key frames at {name}"), format!("{spaces} a loop"));

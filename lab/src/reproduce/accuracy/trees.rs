@@ -7,7 +7,7 @@ use bvh_core::{Bvh, MAX_HEIGHT, Triangles};
 use bvh_update::{Rotate, Strategy, Updater, plain};
 
 use super::Point;
-use super::bench::{Bench, fastest, noise};
+use super::bench::{Bench, in_turns, noise};
 use crate::interrupt;
 use crate::reproduce::contestants::for_picture;
 use crate::stage::{fresh_tree, timed};
@@ -175,26 +175,19 @@ pub(super) fn builders(bench: &mut Bench<'_>) -> Result<()> {
         bins.into_iter().chain(radii).chain(others).chain(leaves).chain(annealed).collect();
 
     bench.pose_in_the_middle();
-    let (sweep, repeats) = (fresh_tree(bench.stage)?, bench.log.effort.repeats);
-    let mut built = Vec::new();
-    for (builder, options, setting, _) in &settings {
-        if interrupt::requested() {
-            return Ok(());
-        }
-        let mut tree = Bvh::default();
-        let mut scratch = BuildScratch::default();
-        let mut result = Ok(());
-        let time_ms = fastest(repeats, || {
-            result = rebuild(&mut tree, &bench.stage.triangles(), *builder, options, &mut scratch);
-        });
-        result.with_context(|| format!("{setting}: no tree"))?;
-        built.push((tree, time_ms));
-    }
-    let trees: Vec<&Bvh> = built.iter().map(|(tree, _)| tree).collect();
+    let (sweep, triangles) = (fresh_tree(bench.stage)?, bench.stage.triangles());
+    let (mut trees, mut scratch) = (vec![Bvh::default(); settings.len()], BuildScratch::default());
+    let times = in_turns(bench.log.effort.repeats, settings.len(), |i| {
+        let (builder, options, setting, _) = &settings[i];
+        let (built, time_ms) = timed(|| rebuild(&mut trees[i], &triangles, *builder, options, &mut scratch));
+        built.with_context(|| format!("{setting}: no tree"))?;
+        Ok(time_ms)
+    })?;
+    let trees: Vec<&Bvh> = trees.iter().collect();
     let Some((errors, selves)) = bench.over(&sweep, &trees) else { return Ok(()) };
-    for (((_, _, setting, is_default), (_, time_ms)), errors) in settings.iter().zip(&built).zip(errors) {
-        let note = format!("time of a build, fastest of at most {repeats}; errors in the middle of the loop");
-        let point = Point { note, ..Point::new("builder", setting, *is_default, *time_ms) };
+    for (((_, _, setting, is_default), time_ms), errors) in settings.iter().zip(times).zip(errors) {
+        let note = "time of a build; errors in the middle of the loop".to_owned();
+        let point = Point { note, ..Point::new("builder", setting, *is_default, time_ms) };
         bench.log.add_tree(&point, errors, noise(&selves))?;
     }
     Ok(())
