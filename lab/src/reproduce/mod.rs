@@ -158,7 +158,7 @@ pub fn run(args: &Args) -> Result<()> {
     }
     if let Some(journal) = bench.points.as_mut().filter(|_| args.scenes.is_empty()) {
         // Knobs without a scene are measured last, and again.
-        let log = accuracy::Log::new("", args.effort(0), journal);
+        let log = accuracy::Log::new("", args, 0, journal);
         results.accuracy.extend(pool.install(|| accuracy::alone(log))?);
     }
     results.interrupted = interrupt::requested();
@@ -269,7 +269,7 @@ impl<'a> Bench<'a> {
             run.facts.effect_costs = effects::measure(&source, args.clip.as_deref(), played)?;
         }
         if let Some(journal) = self.points.as_mut().filter(|_| is_main && args.measures_accuracy_of(&label)) {
-            let log = accuracy::Log::new(&label, args.effort(run.facts.triangles), journal);
+            let log = accuracy::Log::new(&label, args, run.facts.triangles, journal);
             points = accuracy::of_scene(&mut stage, log)?;
         }
         if let Some(journal) = self.peers.as_mut().filter(|_| is_main && !interrupt::requested()) {

@@ -12,12 +12,14 @@ use crate::interrupt;
 use crate::reproduce::journal::Journal;
 use crate::reproduce::preset::{MANY, Preset, Values};
 use crate::reproduce::record::rounded;
-use crate::reproduce::{Spread, median};
+use crate::reproduce::{Args, Spread, median};
 use crate::stage::{Renderer, Stage};
 
-/// How much is measured of each knob, by preset. What one knob alone has stands with that knob.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Effort {
+/// Where points go, and how much is measured of each knob. What one knob alone has stands with that
+/// knob.
+pub(crate) struct Log<'a> {
+    /// The scene's name in tables; empty if there is none.
+    pub(super) label: &'a str,
     preset: Preset,
     /// Frames in a loop, over which strategies update their trees.
     pub(super) frames: usize,
@@ -25,41 +27,33 @@ pub(crate) struct Effort {
     pub(super) is_cut: bool,
     /// Pixels on a side of the images that are timed.
     pub(super) size: u32,
-    /// Rounds of builds, and tenths of the poses.
-    pub(super) repeats: usize,
-    /// Rounds in which contestants take turns.
-    pub(super) rounds: usize,
     pub(super) seed: u64,
+    journal: &'a mut Journal<Point>,
+    pub(super) points: Vec<Point>,
 }
 
-impl Effort {
+impl<'a> Log<'a> {
     /// For a scene of `triangles` triangles.
-    pub(crate) fn new(preset: Preset, values: &Values, triangles: usize, seed: u64) -> Self {
-        let Values { frames, size, .. } = *values;
+    pub(crate) fn new(
+        label: &'a str,
+        args: &Args,
+        triangles: usize,
+        journal: &'a mut Journal<Point>,
+    ) -> Self {
+        let (preset, seed, Values { frames, size, .. }) = (args.preset, args.seed, args.values());
         let is_cut = preset != Preset::Full && triangles > MANY;
         let size = size.min(preset.pick([512, 512, size]));
-        let (repeats, rounds) = (preset.pick([1, 3, 5]), preset.pick([3, 7, 9]));
-        Self { preset, frames, is_cut, size, repeats, rounds, seed }
+        Self { label, preset, frames, is_cut, size, seed, journal, points: Vec::new() }
     }
 
     /// What belongs to the preset, of three.
     pub(super) fn pick<T>(&self, of: [T; 3]) -> T {
         self.preset.pick(of)
     }
-}
 
-/// Where points go, and how much is to be measured.
-pub(crate) struct Log<'a> {
-    /// The scene's name in tables; empty if there is none.
-    pub(super) label: &'a str,
-    pub(super) effort: Effort,
-    journal: &'a mut Journal<Point>,
-    pub(super) points: Vec<Point>,
-}
-
-impl<'a> Log<'a> {
-    pub(crate) fn new(label: &'a str, effort: Effort, journal: &'a mut Journal<Point>) -> Self {
-        Self { label, effort, journal, points: Vec::new() }
+    /// Rounds in which contestants take turns, where one turn is short.
+    pub(super) fn rounds(&self) -> usize {
+        self.pick([3, 7, 9])
     }
 
     /// Takes what was measured; it is in the file when this returns. After an interrupt nothing is
@@ -100,12 +94,12 @@ impl Bench<'_> {
 
     /// Renders a frame and gives the time.
     pub(super) fn trace(&self, tree: &Bvh, options: &RenderOptions) -> f64 {
-        Renderer::new(*options, self.log.effort.size).draw(self.stage, tree).1
+        Renderer::new(*options, self.log.size).draw(self.stage, tree).1
     }
 
     /// What the scene's camera sees of triangles, and where its light arrives.
     pub(super) fn see(&self, tree: &Bvh, triangles: &Triangles<'_>, options: &RenderOptions) -> Vec<Pixel> {
-        let (stage, size) = (&*self.stage, self.log.effort.size);
+        let (stage, size) = (&*self.stage, self.log.size);
         let mut pixels = vec![Pixel::default(); (size * size) as usize];
         cast(tree, triangles, &stage.camera(size, size), Some(&stage.light()), options, &mut pixels);
         pixels
@@ -123,7 +117,7 @@ impl Bench<'_> {
         let turns: Vec<Option<&Bvh>> = parts.chain([None]).collect();
         // Short frames are disturbed the most, and more rounds of them cost little.
         let more = (SHORT / self.trace(sweep, &self.flat())).clamp(1.0, 6.0);
-        let times = in_turns(self.log.effort.rounds * more as usize, turns.len(), |turn| {
+        let times = in_turns(self.log.rounds() * more as usize, turns.len(), |turn| {
             Ok(self.trace(turns[turn].unwrap_or(sweep), &self.flat()))
         });
         let (mut errors, mut selves) = (Vec::new(), Vec::new());

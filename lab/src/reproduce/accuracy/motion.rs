@@ -42,7 +42,7 @@ fn info(name: &str) -> Result<&'static SceneInfo> {
 /// A simulation with a number of key frames, and of steps between two of them.
 fn options(log: &Log<'_>, key_frames: usize, steps: usize) -> SceneOptions<'static> {
     SceneOptions {
-        seed: log.effort.seed,
+        seed: log.seed,
         key_frames: Some(key_frames),
         substeps: Some(steps),
         detail: Some(DETAIL),
@@ -52,9 +52,9 @@ fn options(log: &Log<'_>, key_frames: usize, steps: usize) -> SceneOptions<'stat
 
 /// The time step of both simulations, against a step many times finer; and what they should keep.
 pub(super) fn steps(log: &mut Log<'_>) -> Result<()> {
-    let multiples = log.effort.pick([&MULTIPLES[..3], &[0.0625, 0.125, 0.25, 0.5, 1.0, 4.0], &MULTIPLES]);
+    let multiples = log.pick([&MULTIPLES[..3], &[0.0625, 0.125, 0.25, 0.5, 1.0, 4.0], &MULTIPLES]);
     // How many times as many steps the references have.
-    let finer = log.effort.pick([2, 64, 64]);
+    let finer = log.pick([2, 64, 64]);
     // They take long, and their times count for nothing, so they are made side by side.
     let reference = |(name, own)| {
         let options = options(log, info(name)?.frames, own * finer);
@@ -89,8 +89,8 @@ pub(super) fn steps(log: &mut Log<'_>) -> Result<()> {
 
 /// The distance to the same simulation with many more key frames, all with the same steps.
 pub(super) fn key_frames(log: &mut Log<'_>) -> Result<()> {
-    let [multiple, steps] = log.effort.pick(FINEST);
-    let moments = log.effort.pick([60, 200, 500]);
+    let [multiple, steps] = log.pick(FINEST);
+    let moments = log.pick([60, 200, 500]);
     for ((name, _), spaces) in SIMULATED.into_iter().zip(SPACES) {
         let own = info(name)?.frames - 1;
         let finest = own * multiple;
@@ -99,7 +99,7 @@ pub(super) fn key_frames(log: &mut Log<'_>) -> Result<()> {
             let options = options(log, spaces + 1, steps * finest / spaces);
             Ok((spaces, stage::simulated(name, options)?.0))
         };
-        let mut all = log.effort.pick(spaces).to_vec();
+        let mut all = log.pick(spaces).to_vec();
         all.push(finest);
         let wanted = all.into_par_iter().take_any_while(|_| !interrupt::requested());
         let mut scenes: Vec<_> = wanted.map(simulated).collect::<Result<_>>()?;
@@ -113,7 +113,7 @@ pub(super) fn key_frames(log: &mut Log<'_>) -> Result<()> {
             let mut pose = Pose::new(Motion::all(), &*scene.animation);
             let duration = scene.animation.duration();
             let mut moment = 0.0;
-            let time_ms = in_turns(10 * log.effort.repeats, 1, |_| {
+            let time_ms = in_turns(log.pick([10, 30, 50]), 1, |_| {
                 moment = (moment + 0.377) % 1.0;
                 Ok(stage::timed(|| pose.advance(&*scene.animation, moment * duration)).1)
             })?[0];

@@ -39,7 +39,7 @@ impl Entrant {
     fn of(strategy: Strategy, setting: String, bench: &Bench<'_>) -> Result<Self> {
         let (name, tree) = (setting.clone(), Bvh::clone(&bench.stage.first_tree));
         let is_default = name == Strategy::default().name();
-        let mut updater = Updater::new(for_picture(strategy, bench.log.effort.size));
+        let mut updater = Updater::new(for_picture(strategy, bench.log.size));
         let mut update: Update = Box::new(move |tree, triangles| {
             let (done, time_ms) = timed(|| updater.update(tree, triangles));
             Ok((time_ms, done.with_context(|| format!("{name} failed"))?.height))
@@ -99,9 +99,9 @@ fn play(bench: &mut Bench<'_>, knob: &str, what: &str, mut entrants: Vec<Entrant
     if !bench.stage.scene.animation.topology().moves.contains(&true) {
         return Ok(());
     }
-    let (frames, is_cut) = (bench.log.effort.frames, bench.log.effort.is_cut);
+    let (frames, is_cut) = (bench.log.frames, bench.log.is_cut);
     let (played, wanted) =
-        if is_cut { (frames.div_ceil(5), 1) } else { (frames, bench.log.effort.pick([2, 2, 20])) };
+        if is_cut { (frames.div_ceil(5), 1) } else { (frames, bench.log.pick([2, 2, 20])) };
     let mut compared = 0;
     let mut selves: Vec<f64> = Vec::new();
     // On the first frame all trees are fresh.
@@ -162,7 +162,7 @@ pub(super) fn builders(bench: &mut Bench<'_>) -> Result<()> {
         .filter(|b| ![Builder::Binned, Builder::BinnedParallel, Builder::Ploc, Builder::Annealed].contains(b))
         .map(|builder| (builder, default, builder.name().to_owned(), false));
     let passes: [&[u32]; 3] = [&[], &[25], &[25, 100, 400, 1600]];
-    let passes = if bench.log.effort.is_cut { &[] } else { bench.log.effort.pick(passes) };
+    let passes = if bench.log.is_cut { &[] } else { bench.log.pick(passes) };
     let annealed = passes.iter().map(|&passes| {
         let options = default.with_anneal(default.anneal.with_passes(passes));
         let is_default = passes == default.anneal.passes;
@@ -177,7 +177,7 @@ pub(super) fn builders(bench: &mut Bench<'_>) -> Result<()> {
     bench.pose_in_the_middle();
     let (sweep, triangles) = (fresh_tree(bench.stage)?, bench.stage.triangles());
     let (mut trees, mut scratch) = (vec![Bvh::default(); settings.len()], BuildScratch::default());
-    let times = in_turns(bench.log.effort.repeats, settings.len(), |i| {
+    let times = in_turns(bench.log.pick([1, 3, 5]), settings.len(), |i| {
         let (builder, options, setting, _) = &settings[i];
         let (built, time_ms) = timed(|| rebuild(&mut trees[i], &triangles, *builder, options, &mut scratch));
         built.with_context(|| format!("{setting}: no tree"))?;
