@@ -88,13 +88,8 @@ fn main() -> ExitCode {
 
 /// Help and version as clap prints them; anything wrong with the command line in one line.
 fn usage(error: &clap::Error) -> ExitCode {
-    let asked_for = matches!(
-        error.kind(),
-        ErrorKind::DisplayHelp
-            | ErrorKind::DisplayVersion
-            | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand
-    );
-    if asked_for {
+    let is_bare = error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand;
+    if is_bare || !error.use_stderr() {
         // A reader that left is no error.
         let _ = error.print();
     } else {
