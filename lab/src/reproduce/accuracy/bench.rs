@@ -1,7 +1,5 @@
 //! What knobs are measured with: how much to do, where points go, and a scene.
 
-use std::iter::once;
-
 use anyhow::Result;
 use bvh_core::{Bvh, Triangles, sah_cost};
 use rt_cpu::{Pixel, RenderOptions, cast};
@@ -108,13 +106,14 @@ impl Bench<'_> {
     /// SAH cost over that of a fresh tree, `sweep`, and trace time, of trees; and the trace times of
     /// the fresh tree in each of its turns. Nothing after an interrupt.
     ///
-    /// Trees are traced in turns, and the fresh one several times a round: its times beside one
-    /// another show the noise.
+    /// Trees are traced in turns, and the fresh one three times a round: its times beside one another
+    /// show the noise.
     pub(super) fn over(&self, sweep: &Bvh, trees: &[&Bvh]) -> Option<(Vec<[f64; 2]>, Vec<f64>)> {
-        let part = trees.len().div_ceil(FRESH).max(1);
-        // Nothing stands for the fresh one.
-        let parts = trees.chunks(part).flat_map(|part| once(None).chain(part.iter().copied().map(Some)));
-        let turns: Vec<Option<&Bvh>> = parts.chain([None]).collect();
+        let mut turns: Vec<_> = trees.iter().copied().map(Some).collect();
+        // Nothing stands for the fresh one: at the end, in the middle, at the start.
+        for place in [trees.len(), trees.len().div_ceil(2), 0] {
+            turns.insert(place, None);
+        }
         // Short frames are disturbed the most, and more rounds of them cost little.
         let more = (SHORT / self.trace(sweep, &self.flat())).clamp(1.0, 6.0);
         let times = in_turns(self.log.rounds() * more as usize, turns.len(), |turn| {
@@ -130,9 +129,6 @@ impl Bench<'_> {
         (!interrupt::requested()).then_some((errors, selves))
     }
 }
-
-/// Turns of the fresh tree in a round, beside one at its end.
-const FRESH: usize = 2;
 
 /// The factor by which times differ that should all be one, to the digits that say something.
 pub(super) fn noise(selves: &[f64]) -> f64 {

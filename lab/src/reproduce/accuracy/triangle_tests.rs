@@ -204,20 +204,20 @@ fn arithmetic(log: &mut Log<'_>, wall: &Wall, tree: &Bvh, condition: &str) -> Re
     let differ = |hits: &[Option<Hit>]| {
         in_a_million(hits.iter().zip(&plain).filter(|(a, b)| bits(a) != bits(b)).count(), plain.len())
     };
-    for (knob, settings) in [
-        ("conservative boxes", [("on", &plain, times[0]), ("off", &narrow, times[1])]),
-        ("fused multiply-add", [("none", &plain, times[0]), ("in the triangle test", &fused, times[2])]),
+    for (knob, setting, hits, time_ms) in [
+        ("conservative boxes", "on", &plain, times[0]),
+        ("conservative boxes", "off", &narrow, times[1]),
+        ("fused multiply-add", "none", &plain, times[0]),
+        ("fused multiply-add", "in the triangle test", &fused, times[2]),
     ] {
-        for (setting, hits, time_ms) in settings {
-            let is_default = std::ptr::eq(hits, &raw const plain);
-            let rows = wall.camera.height().div_ceil(PART as u32);
-            let note = format!("time of {} single rays, one thread", rows * wall.camera.width());
-            let of = format!("{knob} at {condition}");
-            let point = Point { note, ..Point::new(&of, setting, is_default, time_ms) };
-            log.add(point.with(LEAKS.0, leaks(hits), LEAKS.1))?;
-            if knob == "fused multiply-add" {
-                log.add(point.with("hits with other bits than without", differ(hits), "in a million"))?;
-            }
+        let is_default = std::ptr::eq(hits, &raw const plain);
+        let rows = wall.camera.height().div_ceil(PART as u32);
+        let note = format!("time of {} single rays, one thread", rows * wall.camera.width());
+        let of = format!("{knob} at {condition}");
+        let point = Point { note, ..Point::new(&of, setting, is_default, time_ms) };
+        log.add(point.with(LEAKS.0, leaks(hits), LEAKS.1))?;
+        if knob == "fused multiply-add" {
+            log.add(point.with("hits with other bits than without", differ(hits), "in a million"))?;
         }
     }
     Ok(())
