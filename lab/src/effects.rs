@@ -4,17 +4,19 @@
 use std::fmt::Write;
 use std::sync::Arc;
 
-use anim::{Motion, PoseStats};
+use anim::Motion;
 use anyhow::{Context, Result};
 use bitflags::Flags;
 use bvh_core::Bvh;
 use bvh_update::{Rotate, Strategy, Updater};
-use rt_cpu::{RenderOptions, RenderStats};
+use rt_cpu::RenderOptions;
 use scenes::{Effects, FrameStage, LightEffects, Scene, SceneOptions, Simulated, SimulationStats};
 use serde::{Deserialize, Serialize};
 
 use crate::machine::{Machine, Revision};
 use crate::pool::Threads;
+use crate::reproduce::record::Row;
+use crate::reproduce::stages::stages;
 use crate::stage::{self, Renderer, timed};
 use crate::{files, interrupt};
 
@@ -33,27 +35,12 @@ const PLAYED: Played = Played { detail: 0.05, frames: 24, size: 256, seed: 0 };
 /// Times that everything is measured; the fastest counts.
 const REPEATS: usize = 3;
 
-/// An effect, and its counter.
-type Effect<E, S> = (E, fn(&S) -> u64);
-
-const SIMULATED: [Effect<Simulated, SimulationStats>; 4] = [
-    (Simulated::FRACTURE, |s| s.fracture),
-    (Simulated::GRAVITY, |s| s.gravity),
-    (Simulated::CLOTH, |s| s.cloth),
-    (Simulated::CONTACT, |s| s.contact),
-];
-const MOTION: [Effect<Motion, PoseStats>; 4] = [
-    (Motion::KEY_FRAMES, |s| s.key_frames.count),
-    (Motion::MORPH, |s| s.morph.count),
-    (Motion::SKIN, |s| s.skin.count),
-    (Motion::RIGID, |s| s.rigid.count),
-];
-const LIGHT: [Effect<LightEffects, RenderStats>; 4] = [
-    (LightEffects::ALPHA, |s| s.rays_again),
-    (LightEffects::TEXTURES, |s| s.textured),
-    (LightEffects::SHADOWS, |s| s.rays_shadow),
-    (LightEffects::MIRROR, |s| s.rays_mirror),
-];
+/// The effects in the order of their rows.
+const SIMULATED: [Simulated; 4] =
+    [Simulated::FRACTURE, Simulated::GRAVITY, Simulated::CLOTH, Simulated::CONTACT];
+const MOTION: [Motion; 4] = [Motion::KEY_FRAMES, Motion::MORPH, Motion::SKIN, Motion::RIGID];
+const LIGHT: [LightEffects; 4] =
+    [LightEffects::ALPHA, LightEffects::TEXTURES, LightEffects::SHADOWS, LightEffects::MIRROR];
 
 /// The effects of light that materials call for.
 const LOOKS: LightEffects = LightEffects::ALPHA.union(LightEffects::TEXTURES).union(LightEffects::MIRROR);
@@ -108,57 +95,37 @@ fn plan_row(source: &str, label: &str) -> Result<String> {
     Ok(format!("| {label} | {simulated} | {} |\n", stages.join(", ")))
 }
 
-/// What frames did and how long that took, on average.
-#[derive(Clone, Copy, Default)]
-struct Frames {
-    posed: PoseStats,
-    traced: RenderStats,
-    /// Pose and update of the tree.
-    motion_ms: f64,
-    light_ms: f64,
-}
-
-impl Frames {
-    /// The same with the times of another run where they are less.
-    fn faster(self, other: Self) -> Self {
-        let (motion_ms, light_ms) = (self.motion_ms.min(other.motion_ms), self.light_ms.min(other.light_ms));
-        Self { motion_ms, light_ms, ..self }
-    }
-}
-
-/// Plays a scene with these effects; gives what is fastest of several times.
-fn play(played: Played, scene: &mut Option<Scene>, effects: Effects) -> Result<Frames> {
+/// Plays a scene with these effects. Gives the rows of the frames, and the fastest of several times
+/// of a frame: pose and update of the tree, and light, in milliseconds.
+fn play(played: Played, scene: &mut Option<Scene>, effects: Effects) -> Result<(Vec<Row>, [f64; 2])> {
     let taken = scene.take().context("the scene before failed")?;
     let mut stage = stage::ready(Scene { effects, ..taken })?;
     let (Played { frames: count, size, .. }, mut tree) = (played, Bvh::clone(&stage.first_tree));
     let mut updater = Updater::new(Strategy::RefitRotate(Rotate::default()));
     let mut flat = Renderer::new(RenderOptions { smooth: false, ..stage.render_options() }, size);
-    let mut best = Frames { motion_ms: f64::INFINITY, light_ms: f64::INFINITY, ..Frames::default() };
+    let (mut rows, mut best) = (Vec::new(), [f64::INFINITY; 2]);
     for _ in 0..REPEATS {
-        let mut all = Frames::default();
+        rows.clear();
+        let mut sums = [0.0; 2];
         for frame in 0..count {
-            let (moved, time_ms) = timed(|| {
+            let (posed, motion_ms) = timed(|| {
                 let posed = stage.pose(stage.time_of(frame, count));
                 stage.update(&mut tree, &mut updater).map(|_| posed)
             });
-            all.posed = sum(all.posed, moved?);
-            all.motion_ms += time_ms / count as f64;
-            let (traced, time_ms) = flat.draw(&stage, &tree);
-            all.traced += traced;
-            all.light_ms += time_ms / count as f64;
+            let (traced, light_ms) = flat.draw(&stage, &tree);
+            rows.push(Row::default().posed(&posed?).traced(&traced, light_ms));
+            sums = [sums[0] + motion_ms, sums[1] + light_ms];
         }
-        best = all.faster(best);
+        best = [0, 1].map(|part| best[part].min(sums[part] / count as f64));
     }
     *scene = Arc::into_inner(stage.scene);
-    Ok(best)
+    Ok((rows, best))
 }
 
-fn sum(mut a: PoseStats, b: PoseStats) -> PoseStats {
-    a.key_frames.count += b.key_frames.count;
-    a.morph.count += b.morph.count;
-    a.skin.count += b.skin.count;
-    a.rigid.count += b.rigid.count;
-    a
+/// What a stage counted in all rows.
+fn count(rows: &[Row], stage: FrameStage) -> u64 {
+    let of_stages = stages(&[], &rows.iter().collect::<Vec<_>>());
+    of_stages.iter().find(|summary| summary.stage == stage.name()).map_or(0, |summary| summary.count)
 }
 
 /// What one effect of a scene costs: counts and milliseconds with all effects of its kind, without
@@ -172,29 +139,30 @@ pub(crate) struct Cost {
 }
 
 /// Measures each of the scene's own effects of a kind: with all others, left out, and alone.
-fn costs<E: Flags + Copy, S: Copy>(
+fn costs<E: Flags + Copy, S: Clone>(
     kind: &str,
-    effects: &[Effect<E, S>],
+    effects: &[E],
     own: E,
     name: fn(E) -> String,
+    count: fn(&S, E) -> u64,
     mut measure: impl FnMut(E) -> Result<(S, f64)>,
 ) -> Result<Vec<Cost>> {
-    let effects: Vec<_> = effects.iter().filter(|(effect, _)| own.contains(*effect)).collect();
+    let effects: Vec<_> = effects.iter().copied().filter(|effect| own.contains(*effect)).collect();
     if effects.is_empty() {
         return Ok(Vec::new());
     }
     let (everything, nothing) = (measure(own)?, measure(E::empty())?);
-    let cost = |&(effect, count): &Effect<E, S>| {
+    let cost = |&effect: &E| {
         // Without the only effect there is none, and alone it is everything.
         let [without, alone] = match effects.len() {
-            1 => [nothing, everything],
+            1 => [nothing.clone(), everything.clone()],
             _ => [measure(own.difference(effect))?, measure(effect)?],
         };
-        let counts = [everything, without, alone].map(|(stats, _)| count(&stats));
+        let counts = [&everything, &without, &alone].map(|(stats, _)| count(stats, effect));
         let ms = [everything.1, without.1, alone.1, nothing.1];
         Ok(Cost { kind: kind.to_owned(), effect: name(effect), counts, ms })
     };
-    effects.iter().copied().map(cost).collect()
+    effects.iter().map(cost).collect()
 }
 
 /// How much of a scene is played, and how large its pictures are.
@@ -222,18 +190,26 @@ pub(crate) fn measure(source: &str, clip: Option<&str>, played: Played) -> Resul
     let mut play = |effects| play(played, &mut scene, effects);
 
     let name = |simulated| Effects { simulated, ..Effects::default() }.to_string();
-    let mut found = costs("simulation", &SIMULATED, own.simulated, name, |simulated| {
+    let count_of = |stats: &SimulationStats, effect| match effect {
+        Simulated::FRACTURE => stats.fracture,
+        Simulated::GRAVITY => stats.gravity,
+        Simulated::CLOTH => stats.cloth,
+        _ => stats.contact,
+    };
+    let mut found = costs("simulation", &SIMULATED, own.simulated, name, count_of, |simulated| {
         let without = Simulated::all() - simulated;
         let (scene, time) = stage::simulated(source, SceneOptions { without, ..options.clone() })?;
         Ok((scene.simulated, time))
     })?;
     let name = |kind| FrameStage::Motion(kind).name();
-    found.extend(costs("motion", &MOTION, own.motion, name, |motion| {
-        play(Effects { motion, ..own }).map(|f| (f.posed, f.motion_ms))
+    let count_of = |rows: &Vec<Row>, kind| count(rows, FrameStage::Motion(kind));
+    found.extend(costs("motion", &MOTION, own.motion, name, count_of, |motion| {
+        play(Effects { motion, ..own }).map(|(rows, [motion_ms, _])| (rows, motion_ms))
     })?);
     let name = |effect| FrameStage::Light(effect).name();
-    found.extend(costs("light", &LIGHT, own.light, name, |light| {
-        play(Effects { light, ..own }).map(|f| (f.traced, f.light_ms))
+    let count_of = |rows: &Vec<Row>, effect| count(rows, FrameStage::Light(effect));
+    found.extend(costs("light", &LIGHT, own.light, name, count_of, |light| {
+        play(Effects { light, ..own }).map(|(rows, [_, light_ms])| (rows, light_ms))
     })?);
     Ok(found)
 }
@@ -246,23 +222,18 @@ fn absent(source: &str) -> Result<String> {
     let mut scene = Some(scene);
     let mut play = |effects| play(PLAYED, &mut scene, effects);
     let planned = Effects { motion: Motion::all(), light: own.light | LOOKS, ..own };
-    let choices = [own, own, planned];
-    let mut runs = [play(own)?, play(own)?, play(planned)?];
+    let (mut rows, mut times) = (Vec::new(), [[f64::INFINITY; 2]; 3]);
     // In turn, so that other work on the machine disturbs all.
-    for _ in 0..REPEATS {
-        for (run, effects) in runs.iter_mut().zip(choices) {
-            *run = run.faster(play(effects)?);
+    for _ in 0..=REPEATS {
+        for (best, effects) in times.iter_mut().zip([own, own, planned]) {
+            let ms;
+            (rows, ms) = play(effects)?;
+            *best = [0, 1].map(|part| best[part].min(ms[part]));
         }
     }
-    let [.., planned] = runs;
-    let mut counts = Vec::new();
-    for (kind, count) in MOTION.iter().filter(|(kind, _)| !own.motion.contains(*kind)) {
-        counts.push(format!("{} {}", FrameStage::Motion(*kind).name(), count(&planned.posed)));
-    }
-    for (effect, count) in LIGHT.iter().filter(|(effect, _)| (LOOKS - own.light).contains(*effect)) {
-        counts.push(format!("{} {}", FrameStage::Light(*effect).name(), count(&planned.traced)));
-    }
-    let times = runs.map(|run| format!("{:.3}", run.motion_ms + run.light_ms));
+    let absent = planned.stages().filter(|&stage| !own.calls_for(stage) && stage != FrameStage::Update);
+    let counts: Vec<_> = absent.map(|stage| format!("{} {}", stage.name(), count(&rows, stage))).collect();
+    let times = times.map(|[motion_ms, light_ms]| format!("{:.3}", motion_ms + light_ms));
     Ok(format!("{} | {}", counts.join(", "), times.join(" | ")))
 }
 

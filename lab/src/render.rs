@@ -212,6 +212,7 @@ impl Picture {
             wide.update(tree, &mesh.triangles);
             wide
         });
+        self.image = Image::new(self.image.width(), self.image.height());
         for sample in 0..samples {
             if sample > 0 && interrupt::requested() {
                 return false;
@@ -219,15 +220,9 @@ impl Picture {
             done(sample);
             let (image, options) = (&mut self.sample, RenderOptions { sample, ..options });
             render_with(tree, wide.as_ref(), &mesh, &camera, Some(&light), &options, image);
-            if sample == 0 {
-                std::mem::swap(&mut self.image, &mut self.sample);
-            } else {
-                self.image.add(&self.sample);
-            }
+            self.image.add(image);
         }
-        if samples > 1 {
-            self.image.scale(1.0 / samples as f32);
-        }
+        self.image.scale(1.0 / samples as f32);
         true
     }
 }

@@ -7,17 +7,13 @@ use anyhow::{Context, Result};
 use lab::process::{output, program};
 use lab::{CheckFailed, files, interrupt};
 
-use crate::layering;
-
-/// The one command that runs all tests; the README names it.
-const TESTS: &str = "cargo test --workspace";
-
-/// Commands with what they set in the environment. The tests come last: their summary ends the log.
+/// Commands with what they set in the environment. The tests, which check the layering too, come
+/// last: their summary ends the log. The README names their command.
 const COMMANDS: [(&str, &[(&str, &str)]); 4] = [
     ("cargo fmt --all --check", &[]),
     ("cargo clippy --workspace --all-targets -- -D warnings", &[]),
     ("cargo doc --workspace --no-deps", &[("RUSTDOCFLAGS", "-D warnings")]),
-    (TESTS, &[]),
+    ("cargo test --workspace", &[]),
 ];
 
 /// Targets with other code than x86-64, for which the libraries are linted where they are
@@ -27,15 +23,6 @@ const TARGETS: [&str; 2] = ["aarch64-unknown-linux-gnu", "wasm32-unknown-unknown
 /// Runs everything, and fails with all that failed.
 pub(crate) fn run() -> Result<()> {
     let mut failed = Vec::new();
-    let metadata = output("cargo", &["metadata", "--format-version", "1", "--no-deps"])?;
-    let mut violations = layering::violations(&metadata)?;
-    violations.extend(layering::module_violations(&files::workspace().join("crates/bvh-update/src"))?);
-    for violation in &violations {
-        files::remark(&format!("layering: {violation}"));
-    }
-    failed.extend((!violations.is_empty()).then(|| "layering".to_owned()));
-    let readme = String::from_utf8(files::read(&files::workspace().join("README.md"))?)?;
-    failed.extend((!readme.contains(TESTS)).then(|| "README (it must name the test command)".to_owned()));
     let mut commands = Vec::new();
     for target in TARGETS {
         let folder = output("rustc", &["--print", "target-libdir", "--target", target])?;

@@ -5,7 +5,6 @@
 //! input (one line says what, where, and what would be right), 130 after an interrupt.
 
 mod ci;
-mod layering;
 mod viewer;
 
 use std::io;
@@ -43,7 +42,7 @@ enum Command {
     Effects(effects::Args),
     /// List scenes with the effects each calls for, strategies, builders and SIMD levels
     List(list::Args),
-    /// Format, lints, layering, tests and docs, as a change must pass them
+    /// Format, lints, docs and tests, as a change must pass them
     Ci,
 }
 
@@ -89,13 +88,8 @@ fn main() -> ExitCode {
 
 /// Help and version as clap prints them; anything wrong with the command line in one line.
 fn usage(error: &clap::Error) -> ExitCode {
-    let asked_for = matches!(
-        error.kind(),
-        ErrorKind::DisplayHelp
-            | ErrorKind::DisplayVersion
-            | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand
-    );
-    if asked_for {
+    let is_bare = error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand;
+    if is_bare || !error.use_stderr() {
         // A reader that left is no error.
         let _ = error.print();
     } else {

@@ -15,16 +15,20 @@ pub struct Distance {
     pub extent: f64,
 }
 
-/// The distance of the moving vertices of `coarse` from those of `fine` at `samples` times, evenly
-/// spread over the loop from its first to its last.
+/// The distance of the moving vertices of `coarse` from those of `fine` at some times, which are
+/// fractions of the loop: 0 is its first time, 1 its last.
 ///
 /// This is the error of the accuracy knob
 /// [`SceneOptions::key_frames`](crate::SceneOptions::key_frames) where `fine` is the same scene
 /// with many more of them and as many simulation steps in all. Positions that are not finite in
 /// either are left out. `None` if the two do not have the same vertices, or none of them moves.
-/// O(vertices * samples).
+/// O(vertices * times).
 #[must_use]
-pub fn distance(coarse: &dyn Animation, fine: &dyn Animation, samples: usize) -> Option<Distance> {
+pub fn distance(
+    coarse: &dyn Animation,
+    fine: &dyn Animation,
+    times: impl IntoIterator<Item = f64>,
+) -> Option<Distance> {
     let moving = fine.topology().parts.iter().filter(|part| !part.motion.is_empty());
     let vertices: Vec<usize> =
         moving.flat_map(|part| part.vertices.start as usize..part.vertices.end as usize).collect();
@@ -34,10 +38,9 @@ pub fn distance(coarse: &dyn Animation, fine: &dyn Animation, samples: usize) ->
     let (mut a, mut b) = (coarse.rest(), fine.rest());
     let (mut low, mut high) = (Vec3::MAX, Vec3::MIN);
     let (mut sum, mut max, mut count) = (0.0, 0.0_f64, 0_u64);
-    for sample in 0..samples {
-        let part = sample as f64 / samples.saturating_sub(1).max(1) as f64;
-        coarse.pose(part * coarse.duration(), &mut a);
-        fine.pose(part * fine.duration(), &mut b);
+    for time in times {
+        coarse.pose(time * coarse.duration(), &mut a);
+        fine.pose(time * fine.duration(), &mut b);
         for (p, q) in vertices.iter().map(|&v| (a[v], b[v])).filter(|(p, q)| p.is_finite() && q.is_finite()) {
             let squared = p.as_dvec3().distance_squared(q.as_dvec3());
             (sum, max, count) = (sum + squared, max.max(squared), count + 1);

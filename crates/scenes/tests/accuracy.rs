@@ -17,12 +17,13 @@ fn scene(name: &str, spaces: usize) -> Scene {
 fn more_key_frames_are_nearer_to_the_finely_sampled_motion() {
     for name in ["n-body", "cloth-ball", "exploding-dragon"] {
         let fine = scene(name, 480);
-        let of = |spaces| distance(&*scene(name, spaces).animation, &*fine.animation, 97).unwrap();
+        let times = (0..97).map(|time| f64::from(time) / 96.0);
+        let of = |spaces| distance(&*scene(name, spaces).animation, &*fine.animation, times.clone()).unwrap();
         let [few, more, many] = [12, 48, 240].map(of);
         println!("{name}: {few:?}, {more:?}, {many:?}");
         assert!(few.rms > 2.0 * more.rms && more.rms > 2.0 * many.rms, "{name}");
         assert!(few.max < 1.0 && few.rms < few.max && many.max < few.max, "{name}");
-        let itself = distance(&*fine.animation, &*fine.animation, 9).unwrap();
+        let itself = distance(&*fine.animation, &*fine.animation, times.clone()).unwrap();
         assert_eq!((itself.rms, itself.max), (0.0, 0.0));
         assert!(itself.extent > 1.0);
     }
@@ -42,11 +43,11 @@ fn distance_is_in_units_of_the_extent_and_none_where_nothing_can_be_compared() {
     // Both of three key frames, from 0 to 30; in the middle the second is 40 aside of the first.
     let straight = keys(&[(0.0, 0.0), (15.0, 0.0), (30.0, 0.0)]);
     let aside = keys(&[(0.0, 0.0), (15.0, 40.0), (30.0, 0.0)]);
-    let Distance { rms, max, extent } = distance(&*straight, &*aside, 3).unwrap();
+    let Distance { rms, max, extent } = distance(&*straight, &*aside, [0.0, 0.5, 1.0]).unwrap();
     assert!((extent - 50.0).abs() < 0.01, "{extent}");
     assert!((max - 0.8).abs() < 1e-3 && (rms - 0.8 / 3_f64.sqrt()).abs() < 1e-3, "{max} {rms}");
     let still = keys(&[(0.0, 0.0)]);
-    assert_eq!(distance(&*straight, &*still, 3), None, "nothing moves");
+    assert_eq!(distance(&*straight, &*still, [0.0, 0.5, 1.0]), None, "nothing moves");
     assert_eq!(
         distance(
             &*load(
@@ -62,7 +63,7 @@ fn distance_is_in_units_of_the_extent_and_none_where_nothing_can_be_compared() {
             .unwrap()
             .animation,
             &*straight,
-            3
+            [0.0, 0.5, 1.0]
         ),
         None,
         "other vertices"

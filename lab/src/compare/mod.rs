@@ -163,6 +163,27 @@ impl What {
     }
 }
 
+/// An error if an option is given that nothing heeds.
+fn ensure_used(args: &Args) -> Result<()> {
+    let what = args.what;
+    let name = what.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned());
+    let (is_timed, plays) = (what != What::Hard, what.contests().contains(&Contest::Frame));
+    let traces = is_timed && ![What::Update, What::Build].contains(&what);
+    for (option, given, used, by) in [
+        ("--scene", !args.scenes.is_empty(), is_timed, "what is timed"),
+        ("--only", !args.only.is_empty(), is_timed, "what is timed"),
+        ("--threads", !args.threads.is_empty(), is_timed, "what is timed"),
+        ("--frames", args.frames.is_some(), is_timed, "what is timed"),
+        ("--json", args.json.is_some(), is_timed, "what is timed"),
+        ("--chart", args.chart.is_some(), is_timed, "what is timed"),
+        ("--runs", args.runs > 1, plays, "frame, which plays loops"),
+        ("--size", args.size.is_some(), traces, "trace, incoherent or frame, which trace an image"),
+    ] {
+        ensure!(!given || used, "{option}: compare {name} does not heed it; leave it out, or compare {by}");
+    }
+    Ok(())
+}
+
 /// An error if one of the names is nobody's.
 fn ensure_known(what: What, only: &[String], embree: Option<&Device>) -> Result<()> {
     let entries = what.contests().iter().flat_map(|&contest| field(contest, embree));
@@ -183,17 +204,13 @@ pub fn run(args: &Args) -> Result<()> {
     if let Some(path) = &args.from {
         return print_saved(args, path);
     }
+    ensure_used(args)?;
     if args.what == What::Hard {
-        return hard_cases(args);
+        return match (&args.case, &args.contestant) {
+            (Some(case), Some(contestant)) => hard::run_one(case, contestant, args.embree.as_deref()),
+            _ => hard::run(args.embree.as_deref()),
+        };
     }
-    ensure!(
-        args.runs == 1 || args.what.contests().contains(&Contest::Frame),
-        "--runs: only loops of whole frames are played more than once; leave it out, or compare frame"
-    );
-    ensure!(
-        args.size.is_none() || ![What::Update, What::Build].contains(&args.what),
-        "--size: no image is timed; leave it out, or compare trace, incoherent or frame"
-    );
     let default_scenes: Vec<String> = match args.what {
         What::Frame => scenes::list().iter().map(|info| info.name.to_owned()).collect(),
         _ => SCENES.map(str::to_owned).to_vec(),
@@ -250,26 +267,6 @@ fn print_saved(args: &Args, path: &Path) -> Result<()> {
     files::print(&format!("{}\n{}", report.heading(), table::tables(&report.rows)))?;
     files::print(&table::ratios(&report.rows))?;
     draw(args, &report)
-}
-
-/// Runs the hard cases, or one of them.
-fn hard_cases(args: &Args) -> Result<()> {
-    for (option, given) in [
-        ("--scene", !args.scenes.is_empty()),
-        ("--only", !args.only.is_empty()),
-        ("--threads", !args.threads.is_empty()),
-        ("--frames", args.frames.is_some()),
-        ("--runs", args.runs > 1),
-        ("--size", args.size.is_some()),
-        ("--json", args.json.is_some()),
-        ("--chart", args.chart.is_some()),
-    ] {
-        ensure!(!given, "{option}: the hard cases do not heed it; leave it out, or name other measurements");
-    }
-    match (&args.case, &args.contestant) {
-        (Some(case), Some(contestant)) => hard::run_one(case, contestant, args.embree.as_deref()),
-        _ => hard::run(args.embree.as_deref()),
-    }
 }
 
 /// Draws the chart that was asked for: of the measurement named, or else of the first.

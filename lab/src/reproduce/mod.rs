@@ -15,12 +15,12 @@ mod paper_binned;
 mod pictures;
 mod preset;
 mod protocol;
-mod record;
+pub(crate) mod record;
 mod report;
 mod results;
 mod saved;
 mod settle;
-mod stages;
+pub(crate) mod stages;
 mod summary;
 
 use std::time::Instant;
@@ -157,7 +157,7 @@ pub fn run(args: &Args) -> Result<()> {
     }
     if let Some(journal) = bench.points.as_mut().filter(|_| args.scenes.is_empty()) {
         // Knobs without a scene are measured last, and again.
-        let log = accuracy::Log::new("", args.effort(0), journal);
+        let log = accuracy::Log::new("", args, 0, journal);
         results.accuracy.extend(pool.install(|| accuracy::alone(log))?);
     }
     results.interrupted = interrupt::requested();
@@ -264,7 +264,7 @@ impl<'a> Bench<'a> {
             run.facts.effect_costs = effects::measure(&source, args.clip.as_deref(), played)?;
         }
         if let Some(journal) = self.points.as_mut().filter(|_| is_main && args.measures_accuracy_of(&label)) {
-            let log = accuracy::Log::new(&label, args.effort(run.facts.triangles), journal);
+            let log = accuracy::Log::new(&label, args, run.facts.triangles, journal);
             points = accuracy::of_scene(&mut stage, log)?;
         }
         if let Some(journal) = self.peers.as_mut().filter(|_| is_main && !interrupt::requested()) {

@@ -9,7 +9,6 @@ use rt_cpu::Traversal;
 use scenes::{Scene, SceneOptions};
 
 use super::SPEED_STRATEGY;
-use super::accuracy::Effort;
 use super::contestants::Contestant;
 use super::preset::{Preset, Values};
 use super::results::Settings;
@@ -54,7 +53,7 @@ pub struct Args {
     /// How much: quick takes half a minute, standard about six minutes, full is the paper's
     /// protocol
     #[arg(long, value_enum, default_value_t = Preset::Standard)]
-    preset: Preset,
+    pub(super) preset: Preset,
     /// A scene's name, a .glb, .gltf, .obj, .ply, .stl or .aff file, or a folder of key frames;
     /// repeatable [default: all]
     #[arg(long = "scene", value_name = "NAME|FILE|DIR")]
@@ -68,7 +67,7 @@ pub struct Args {
     pub(super) clip: Option<String>,
     /// Seed of everything random
     #[arg(long, default_value_t = 0)]
-    seed: u64,
+    pub(super) seed: u64,
     /// Frames in a loop [default: by preset]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     frames: Option<u32>,
@@ -232,11 +231,6 @@ impl Args {
     /// not work.
     pub(super) fn embree(&self, threads: usize) -> Result<Option<Device>> {
         if self.runs(Experiment::Peers) { compare::embree(self.embree.as_deref(), threads) } else { Ok(None) }
-    }
-
-    /// How much is measured of each knob on a scene of `triangles` triangles.
-    pub(super) fn effort(&self, triangles: usize) -> Effort {
-        Effort::new(self.preset, &self.values(), triangles, self.seed)
     }
 
     /// Whether figure 5 is to be run on that scene: on its own, and on any other if it is asked for

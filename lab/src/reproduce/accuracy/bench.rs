@@ -1,7 +1,5 @@
 //! What knobs are measured with: how much to do, where points go, and a scene.
 
-use std::iter::once;
-
 use anyhow::Result;
 use bvh_core::{Bvh, Triangles, sah_cost};
 use rt_cpu::{Pixel, RenderOptions, cast};
@@ -12,12 +10,14 @@ use crate::interrupt;
 use crate::reproduce::journal::Journal;
 use crate::reproduce::preset::{MANY, Preset, Values};
 use crate::reproduce::record::rounded;
-use crate::reproduce::{Spread, median};
-use crate::stage::{Renderer, Stage, timed};
+use crate::reproduce::{Args, Spread, median};
+use crate::stage::{Renderer, Stage};
 
-/// How much is measured of each knob, by preset. What one knob alone has stands with that knob.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Effort {
+/// Where points go, and how much is measured of each knob. What one knob alone has stands with that
+/// knob.
+pub(crate) struct Log<'a> {
+    /// The scene's name in tables; empty if there is none.
+    pub(super) label: &'a str,
     preset: Preset,
     /// Frames in a loop, over which strategies update their trees.
     pub(super) frames: usize,
@@ -25,41 +25,33 @@ pub(crate) struct Effort {
     pub(super) is_cut: bool,
     /// Pixels on a side of the images that are timed.
     pub(super) size: u32,
-    /// Runs of which the fastest counts, where one run is short.
-    pub(super) repeats: usize,
-    /// Rounds in which contestants take turns.
-    pub(super) rounds: usize,
     pub(super) seed: u64,
+    journal: &'a mut Journal<Point>,
+    pub(super) points: Vec<Point>,
 }
 
-impl Effort {
+impl<'a> Log<'a> {
     /// For a scene of `triangles` triangles.
-    pub(crate) fn new(preset: Preset, values: &Values, triangles: usize, seed: u64) -> Self {
-        let Values { frames, size, .. } = *values;
+    pub(crate) fn new(
+        label: &'a str,
+        args: &Args,
+        triangles: usize,
+        journal: &'a mut Journal<Point>,
+    ) -> Self {
+        let (preset, seed, Values { frames, size, .. }) = (args.preset, args.seed, args.values());
         let is_cut = preset != Preset::Full && triangles > MANY;
         let size = size.min(preset.pick([512, 512, size]));
-        let (repeats, rounds) = (preset.pick([1, 3, 5]), preset.pick([3, 7, 9]));
-        Self { preset, frames, is_cut, size, repeats, rounds, seed }
+        Self { label, preset, frames, is_cut, size, seed, journal, points: Vec::new() }
     }
 
     /// What belongs to the preset, of three.
     pub(super) fn pick<T>(&self, of: [T; 3]) -> T {
         self.preset.pick(of)
     }
-}
 
-/// Where points go, and how much is to be measured.
-pub(crate) struct Log<'a> {
-    /// The scene's name in tables; empty if there is none.
-    pub(super) label: &'a str,
-    pub(super) effort: Effort,
-    journal: &'a mut Journal<Point>,
-    pub(super) points: Vec<Point>,
-}
-
-impl<'a> Log<'a> {
-    pub(crate) fn new(label: &'a str, effort: Effort, journal: &'a mut Journal<Point>) -> Self {
-        Self { label, effort, journal, points: Vec::new() }
+    /// Rounds in which contestants take turns, where one turn is short.
+    pub(super) fn rounds(&self) -> usize {
+        self.pick([3, 7, 9])
     }
 
     /// Takes what was measured; it is in the file when this returns. After an interrupt nothing is
@@ -100,12 +92,12 @@ impl Bench<'_> {
 
     /// Renders a frame and gives the time.
     pub(super) fn trace(&self, tree: &Bvh, options: &RenderOptions) -> f64 {
-        Renderer::new(*options, self.log.effort.size).draw(self.stage, tree).1
+        Renderer::new(*options, self.log.size).draw(self.stage, tree).1
     }
 
     /// What the scene's camera sees of triangles, and where its light arrives.
     pub(super) fn see(&self, tree: &Bvh, triangles: &Triangles<'_>, options: &RenderOptions) -> Vec<Pixel> {
-        let (stage, size) = (&*self.stage, self.log.effort.size);
+        let (stage, size) = (&*self.stage, self.log.size);
         let mut pixels = vec![Pixel::default(); (size * size) as usize];
         cast(tree, triangles, &stage.camera(size, size), Some(&stage.light()), options, &mut pixels);
         pixels
@@ -114,16 +106,17 @@ impl Bench<'_> {
     /// SAH cost over that of a fresh tree, `sweep`, and trace time, of trees; and the trace times of
     /// the fresh tree in each of its turns. Nothing after an interrupt.
     ///
-    /// Trees are traced in turns, and the fresh one several times a round: its times beside one
-    /// another show the noise.
+    /// Trees are traced in turns, and the fresh one three times a round: its times beside one another
+    /// show the noise.
     pub(super) fn over(&self, sweep: &Bvh, trees: &[&Bvh]) -> Option<(Vec<[f64; 2]>, Vec<f64>)> {
-        let part = trees.len().div_ceil(FRESH).max(1);
-        // Nothing stands for the fresh one.
-        let parts = trees.chunks(part).flat_map(|part| once(None).chain(part.iter().copied().map(Some)));
-        let turns: Vec<Option<&Bvh>> = parts.chain([None]).collect();
+        let mut turns: Vec<_> = trees.iter().copied().map(Some).collect();
+        // Nothing stands for the fresh one: at the end, in the middle, at the start.
+        for place in [trees.len(), trees.len().div_ceil(2), 0] {
+            turns.insert(place, None);
+        }
         // Short frames are disturbed the most, and more rounds of them cost little.
         let more = (SHORT / self.trace(sweep, &self.flat())).clamp(1.0, 6.0);
-        let times = in_turns(self.log.effort.rounds * more as usize, turns.len(), |turn| {
+        let times = in_turns(self.log.rounds() * more as usize, turns.len(), |turn| {
             Ok(self.trace(turns[turn].unwrap_or(sweep), &self.flat()))
         });
         let (mut errors, mut selves) = (Vec::new(), Vec::new());
@@ -136,9 +129,6 @@ impl Bench<'_> {
         (!interrupt::requested()).then_some((errors, selves))
     }
 }
-
-/// Turns of the fresh tree in a round, beside one at its end.
-const FRESH: usize = 2;
 
 /// The factor by which times differ that should all be one, to the digits that say something.
 pub(super) fn noise(selves: &[f64]) -> f64 {
@@ -159,21 +149,6 @@ pub(super) fn differing(a: &[Pixel], b: &[Pixel]) -> f64 {
 
 /// Milliseconds of a frame below which more rounds are measured.
 const SHORT: f64 = 20.0;
-
-/// Milliseconds that are measured well enough in one go.
-const LONG: f64 = 300.0;
-
-/// Milliseconds of the fastest of `runs` runs; of fewer, if they are long.
-pub(super) fn fastest(runs: usize, mut run: impl FnMut()) -> f64 {
-    let mut least = f64::INFINITY;
-    for _ in 0..runs.max(1) {
-        least = least.min(timed(&mut run).1);
-        if least > LONG {
-            break;
-        }
-    }
-    least
-}
 
 /// The milliseconds of each of `count` contestants that take turns for `rounds` rounds, another
 /// first each time; `run` does a turn and gives its milliseconds. Ends early when interrupted.

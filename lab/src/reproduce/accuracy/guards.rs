@@ -77,7 +77,7 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
         let mut entrants = [true, false].map(|guarded| (guarded, tree.clone(), Updater::new(strategy)));
         // To and fro between two frames, the same for both contestants.
         let mut turn = 0;
-        let times = in_turns(8 * bench.log.effort.rounds, 2, |which| {
+        let times = in_turns(8 * bench.log.rounds(), 2, |which| {
             bench.stage.pose(last * [0.30, 0.31][turn / 2 % 2]);
             turn += 1;
             update(&mut entrants[which], bench.stage.triangles())
@@ -87,7 +87,7 @@ pub(super) fn measure(bench: &mut Bench<'_>) -> Result<()> {
 
         let sound = bench.stage.triangles();
         let mut positions = sound.positions.to_vec();
-        let mut random = fastrand::Rng::with_seed(bench.log.effort.seed);
+        let mut random = fastrand::Rng::with_seed(bench.log.seed);
         for _ in 0..positions.len().div_ceil(BROKEN) {
             let vertex = random.usize(0..positions.len());
             positions[vertex] = Vec3::NAN;

@@ -18,7 +18,7 @@ use anyhow::Result;
 use serde::{Deserialize, Serialize};
 
 use self::bench::Bench;
-pub(crate) use self::bench::{Effort, Log};
+pub(crate) use self::bench::Log;
 pub(crate) use self::curves::{LEGEND, Section, sections};
 pub(crate) use self::sentences::sentences;
 use crate::interrupt;

@@ -1,14 +1,13 @@
 //! Simulated motion: its time step against one many times finer, and how many key frames are kept
 //! of it.
 
-use anim::{Animation, Motion, Pose};
+use anim::{Motion, Pose};
 use anyhow::{Context, Result};
-use bvh_core::Vec3;
 use rayon::prelude::*;
 use scenes::{SceneInfo, SceneOptions, distance};
 
 use super::Point;
-use super::bench::{Log, fastest};
+use super::bench::{Log, in_turns};
 use crate::{files, interrupt, stage};
 
 /// The simulations whose step is varied, and the steps between key frames that they have of their
@@ -43,7 +42,7 @@ fn info(name: &str) -> Result<&'static SceneInfo> {
 /// A simulation with a number of key frames, and of steps between two of them.
 fn options(log: &Log<'_>, key_frames: usize, steps: usize) -> SceneOptions<'static> {
     SceneOptions {
-        seed: log.effort.seed,
+        seed: log.seed,
         key_frames: Some(key_frames),
         substeps: Some(steps),
         detail: Some(DETAIL),
@@ -51,27 +50,11 @@ fn options(log: &Log<'_>, key_frames: usize, steps: usize) -> SceneOptions<'stat
     }
 }
 
-/// What moves, at key frame `key` of `key_frames`.
-fn moved(animation: &dyn Animation, key: usize, key_frames: usize) -> Vec<Vec3> {
-    let mut positions = animation.rest();
-    animation.pose(animation.duration() * key as f64 / (key_frames - 1) as f64, &mut positions);
-    let parts = animation.topology().parts.iter().filter(|part| !part.motion.is_empty());
-    let vertices = parts.flat_map(|part| part.vertices.start as usize..part.vertices.end as usize);
-    vertices.map(|v| positions[v]).collect()
-}
-
-/// Root mean square of the distances, as a fraction of the extent of `b`.
-fn apart(a: &[Vec3], b: &[Vec3]) -> f64 {
-    let sum: f64 = a.iter().zip(b).map(|(p, q)| p.as_dvec3().distance_squared(q.as_dvec3())).sum();
-    let (low, high) = b.iter().fold((Vec3::MAX, Vec3::MIN), |(low, high), &p| (low.min(p), high.max(p)));
-    (sum / b.len().max(1) as f64).sqrt() / f64::from(low.distance(high))
-}
-
 /// The time step of both simulations, against a step many times finer; and what they should keep.
 pub(super) fn steps(log: &mut Log<'_>) -> Result<()> {
-    let multiples = log.effort.pick([&MULTIPLES[..3], &[0.0625, 0.125, 0.25, 0.5, 1.0, 4.0], &MULTIPLES]);
+    let multiples = log.pick([&MULTIPLES[..3], &[0.0625, 0.125, 0.25, 0.5, 1.0, 4.0], &MULTIPLES]);
     // How many times as many steps the references have.
-    let finer = log.effort.pick([2, 64, 64]);
+    let finer = log.pick([2, 64, 64]);
     // They take long, and their times count for nothing, so they are made side by side.
     let reference = |(name, own)| {
         let options = options(log, info(name)?.frames, own * finer);
@@ -81,8 +64,6 @@ pub(super) fn steps(log: &mut Log<'_>) -> Result<()> {
     let references: Vec<_> = SIMULATED.into_par_iter().map(reference).collect::<Result<_>>()?;
     for (name, own, converged) in references {
         let keys = info(name)?.frames;
-        let moments = COMPARED.into_iter().chain([keys - 1]);
-        let exact: Vec<_> = moments.map(|key| (key, moved(&*converged, key, keys))).collect();
         let multiples = multiples.iter().filter(|&&multiple| multiple < 0.5 * finer as f64);
         for &multiple in multiples.take_while(|_| !interrupt::requested()) {
             let steps = (multiple * own as f64).round().max(1.0) as usize;
@@ -91,11 +72,12 @@ pub(super) fn steps(log: &mut Log<'_>) -> Result<()> {
             let note = format!("time of simulating a loop, with the cloth at {DETAIL} of its triangles");
             let point =
                 Point { note, ..Point::new(&format!("{name} step"), &setting, steps == own, time_ms) };
-            for (key, exact) in &exact {
-                let error = apart(&moved(&*scene.animation, *key, keys), exact);
+            for key in COMPARED.into_iter().chain([keys - 1]) {
+                let time = key as f64 / (keys - 1) as f64;
+                let far = distance(&*scene.animation, &*converged, [time]).context("other vertices")?;
                 let error_name = format!("rms distance to steps {finer} times finer");
                 let point = Point { knob: format!("{name} step at key frame {key}"), ..point.clone() };
-                log.add(point.with(&error_name, error, "of the extent"))?;
+                log.add(point.with(&error_name, far.rms, "of the extent"))?;
             }
             for measure in &scene.measures {
                 log.add(point.with(&measure.name, measure.value, "fraction"))?;
@@ -107,8 +89,8 @@ pub(super) fn steps(log: &mut Log<'_>) -> Result<()> {
 
 /// The distance to the same simulation with many more key frames, all with the same steps.
 pub(super) fn key_frames(log: &mut Log<'_>) -> Result<()> {
-    let [multiple, steps] = log.effort.pick(FINEST);
-    let moments = log.effort.pick([60, 200, 500]);
+    let [multiple, steps] = log.pick(FINEST);
+    let moments = log.pick([60, 200, 500]);
     for ((name, _), spaces) in SIMULATED.into_iter().zip(SPACES) {
         let own = info(name)?.frames - 1;
         let finest = own * multiple;
@@ -117,7 +99,7 @@ pub(super) fn key_frames(log: &mut Log<'_>) -> Result<()> {
             let options = options(log, spaces + 1, steps * finest / spaces);
             Ok((spaces, stage::simulated(name, options)?.0))
         };
-        let mut all = log.effort.pick(spaces).to_vec();
+        let mut all = log.pick(spaces).to_vec();
         all.push(finest);
         let wanted = all.into_par_iter().take_any_while(|_| !interrupt::requested());
         let mut scenes: Vec<_> = wanted.map(simulated).collect::<Result<_>>()?;
@@ -126,14 +108,15 @@ pub(super) fn key_frames(log: &mut Log<'_>) -> Result<()> {
         }
         let (_, fine) = scenes.pop().context("no reference")?;
         for (spaces, scene) in scenes {
-            let far = distance(&*scene.animation, &*fine.animation, moments).context("other vertices")?;
+            let times = (0..moments).map(|moment| f64::from(moment) / f64::from(moments - 1));
+            let far = distance(&*scene.animation, &*fine.animation, times).context("other vertices")?;
             let mut pose = Pose::new(Motion::all(), &*scene.animation);
             let duration = scene.animation.duration();
             let mut moment = 0.0;
-            let time_ms = fastest(10 * log.effort.repeats, || {
+            let time_ms = in_turns(log.pick([10, 30, 50]), 1, |_| {
                 moment = (moment + 0.377) % 1.0;
-                pose.advance(&*scene.animation, moment * duration);
-            });
+                Ok(stage::timed(|| pose.advance(&*scene.animation, moment * duration)).1)
+            })?[0];
             let (keys, all) = (finest + 1, finest * steps);
             let note = format!("time of posing a frame; against {keys} key frames of the same {all} steps");
             let (knob, setting) = (format!("key frames at {name}"), format!("{spaces} a loop"));
@@ -172,10 +155,11 @@ mod tests {
                     substeps,
                     ..SceneOptions::default()
                 };
-                moved(&*scenes::load(name, None, &options).unwrap().animation, 2, 3)
+                scenes::load(name, None, &options).unwrap().animation
             };
-            assert_eq!(with(None), with(Some(own)), "{name}");
-            assert!(apart(&with(Some(own / 2)), &with(None)) > 0.0);
+            let far = |substeps| distance(&*with(substeps), &*with(None), [1.0]).unwrap();
+            assert_eq!(far(Some(own)).max, 0.0, "{name}");
+            assert!(far(Some(own / 2)).rms > 0.0);
         }
     }
 }

@@ -210,8 +210,8 @@ fn bias_and_noise(of_seeds: &[&[f64]], expected: &[f64]) -> [f64; 2] {
 
 /// All three cases.
 pub(super) fn measure(log: &mut Log<'_>) -> Result<()> {
-    let size = log.effort.size.min(log.effort.pick([16, 32, 64]));
-    let (most, seeds) = (log.effort.pick([16, 256, 1024]), log.effort.pick([4, 8, 16]));
+    let size = log.size.min(log.pick([16, 32, 64]));
+    let (most, seeds) = (log.pick([16, 256, 1024]), log.pick([4, 8, 16]));
     for case in [furnace(size), lit_floor(size), shadow(size)] {
         let tree = build(&case.triangles(), Builder::Sweep).context("no tree")?;
         let expected = case.expected();
@@ -220,7 +220,7 @@ pub(super) fn measure(log: &mut Log<'_>) -> Result<()> {
             if interrupt::requested() {
                 return Ok(());
             }
-            of_seeds.push(case.means(&tree, most, log.effort.seed + seed));
+            of_seeds.push(case.means(&tree, most, log.seed + seed));
         }
         for level in 0..of_seeds[0].len() {
             let samples = 1_u32 << (2 * level);

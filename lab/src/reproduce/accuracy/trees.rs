@@ -7,7 +7,7 @@ use bvh_core::{Bvh, MAX_HEIGHT};
 use bvh_update::{Rotate, Strategy, Update, plain};
 
 use super::Point;
-use super::bench::{Bench, fastest, noise};
+use super::bench::{Bench, in_turns, noise};
 use crate::interrupt;
 use crate::reproduce::contestants::{Method, Worker, load_of};
 use crate::stage::{fresh_tree, timed};
@@ -38,7 +38,7 @@ impl Entrant {
         let is_default = setting == Strategy::default().name();
         let mut update = Method::Strategy(strategy).start(&mut tree, &[])?;
         // It finds its memory, on a tree that is thrown away.
-        let warm = update(&mut tree.clone(), &bench.stage.triangles(), load_of(bench.log.effort.size));
+        let warm = update(&mut tree.clone(), &bench.stage.triangles(), load_of(bench.log.size));
         warm.with_context(|| format!("{setting} failed"))?;
         let rebuilds = matches!(strategy, Strategy::Rebuild(..));
         Ok(Self { rebuilds, ..Self::new(setting, is_default, tree, update) })
@@ -92,9 +92,9 @@ fn play(bench: &mut Bench<'_>, knob: &str, what: &str, mut entrants: Vec<Entrant
     if !bench.stage.scene.animation.topology().moves.contains(&true) {
         return Ok(());
     }
-    let (frames, is_cut) = (bench.log.effort.frames, bench.log.effort.is_cut);
+    let (frames, is_cut) = (bench.log.frames, bench.log.is_cut);
     let (played, wanted) =
-        if is_cut { (frames.div_ceil(5), 1) } else { (frames, bench.log.effort.pick([2, 2, 20])) };
+        if is_cut { (frames.div_ceil(5), 1) } else { (frames, bench.log.pick([2, 2, 20])) };
     let mut compared = 0;
     let mut selves: Vec<f64> = Vec::new();
     // On the first frame all trees are fresh.
@@ -104,7 +104,7 @@ fn play(bench: &mut Bench<'_>, knob: &str, what: &str, mut entrants: Vec<Entrant
         let part = |frame: usize| frame * wanted / (played - 1);
         let compare = part(frame) != part(frame - 1);
         for entrant in entrants.iter_mut().filter(|e| compare || !e.rebuilds) {
-            let (triangles, load) = (bench.stage.triangles(), load_of(bench.log.effort.size));
+            let (triangles, load) = (bench.stage.triangles(), load_of(bench.log.size));
             let (done, time_ms) = timed(|| (entrant.update)(&mut entrant.tree, &triangles, load));
             let done = done.with_context(|| format!("{} failed", entrant.setting))?;
             entrant.times_ms.push(time_ms);
@@ -157,7 +157,7 @@ pub(super) fn builders(bench: &mut Bench<'_>) -> Result<()> {
         .filter(|b| ![Builder::Binned, Builder::BinnedParallel, Builder::Ploc, Builder::Annealed].contains(b))
         .map(|builder| (builder, default, builder.name().to_owned(), false));
     let passes: [&[u32]; 3] = [&[], &[25], &[25, 100, 400, 1600]];
-    let passes = if bench.log.effort.is_cut { &[] } else { bench.log.effort.pick(passes) };
+    let passes = if bench.log.is_cut { &[] } else { bench.log.pick(passes) };
     let annealed = passes.iter().map(|&passes| {
         let options = default.with_anneal(default.anneal.with_passes(passes));
         let is_default = passes == default.anneal.passes;
@@ -170,26 +170,19 @@ pub(super) fn builders(bench: &mut Bench<'_>) -> Result<()> {
         bins.into_iter().chain(radii).chain(others).chain(leaves).chain(annealed).collect();
 
     bench.pose_in_the_middle();
-    let (sweep, repeats) = (fresh_tree(bench.stage)?, bench.log.effort.repeats);
-    let mut built = Vec::new();
-    for (builder, options, setting, _) in &settings {
-        if interrupt::requested() {
-            return Ok(());
-        }
-        let mut tree = Bvh::default();
-        let mut scratch = BuildScratch::default();
-        let mut result = Ok(());
-        let time_ms = fastest(repeats, || {
-            result = rebuild(&mut tree, &bench.stage.triangles(), *builder, options, &mut scratch);
-        });
-        result.with_context(|| format!("{setting}: no tree"))?;
-        built.push((tree, time_ms));
-    }
-    let trees: Vec<&Bvh> = built.iter().map(|(tree, _)| tree).collect();
+    let (sweep, triangles) = (fresh_tree(bench.stage)?, bench.stage.triangles());
+    let (mut trees, mut scratch) = (vec![Bvh::default(); settings.len()], BuildScratch::default());
+    let times = in_turns(bench.log.pick([1, 3, 5]), settings.len(), |i| {
+        let (builder, options, setting, _) = &settings[i];
+        let (built, time_ms) = timed(|| rebuild(&mut trees[i], &triangles, *builder, options, &mut scratch));
+        built.with_context(|| format!("{setting}: no tree"))?;
+        Ok(time_ms)
+    })?;
+    let trees: Vec<&Bvh> = trees.iter().collect();
     let Some((errors, selves)) = bench.over(&sweep, &trees) else { return Ok(()) };
-    for (((_, _, setting, is_default), (_, time_ms)), errors) in settings.iter().zip(&built).zip(errors) {
-        let note = format!("time of a build, fastest of at most {repeats}; errors in the middle of the loop");
-        let point = Point { note, ..Point::new("builder", setting, *is_default, *time_ms) };
+    for (((_, _, setting, is_default), time_ms), errors) in settings.iter().zip(times).zip(errors) {
+        let note = "time of a build; errors in the middle of the loop".to_owned();
+        let point = Point { note, ..Point::new("builder", setting, *is_default, time_ms) };
         bench.log.add_tree(&point, errors, noise(&selves))?;
     }
     Ok(())

@@ -171,7 +171,7 @@ fn leaks(hits: &[Option<Hit>]) -> f64 {
 /// All triangle tests in tiles; conservative boxes and fused arithmetic with single rays.
 pub(super) fn on_a_wall(log: &mut Log<'_>) -> Result<()> {
     for (condition, offset) in OFFSETS.into_iter().take_while(|_| !interrupt::requested()) {
-        let wall = Wall::new(log.effort.pick([160, 512, 1024]), offset, log.effort.seed);
+        let wall = Wall::new(log.pick([160, 512, 1024]), offset, log.seed);
         let tree = build(&wall.triangles(), Builder::Sweep).context("no tree")?;
         triangle_tests(log, &wall, &tree, condition)?;
         arithmetic(log, &wall, &tree, condition)?;
@@ -183,7 +183,7 @@ const LEAKS: (&str, &str) = ("rays leaking through a wall", "in a million");
 
 fn triangle_tests(log: &mut Log<'_>, wall: &Wall, tree: &Bvh, condition: &str) -> Result<()> {
     let all = TriangleTest::ALL;
-    let times = in_turns(2 * log.effort.rounds, all.len(), |i| Ok(wall.tiles(tree, all[i]).1))?;
+    let times = in_turns(2 * log.rounds(), all.len(), |i| Ok(wall.tiles(tree, all[i]).1))?;
     for (test, time_ms) in all.into_iter().zip(times) {
         let (hits, _) = wall.tiles(tree, test);
         let knob = format!("triangle test on a wall at {condition}");
@@ -198,26 +198,26 @@ fn triangle_tests(log: &mut Log<'_>, wall: &Wall, tree: &Bvh, condition: &str) -
 
 fn arithmetic(log: &mut Log<'_>, wall: &Wall, tree: &Bvh, condition: &str) -> Result<()> {
     let run = [Wall::single::<Watertight>, Wall::single::<Unwidened>, Wall::single::<Fused>];
-    let times = in_turns(8 * log.effort.rounds, run.len(), |i| Ok(run[i](wall, tree, PART).1))?;
+    let times = in_turns(8 * log.rounds(), run.len(), |i| Ok(run[i](wall, tree, PART).1))?;
     let [plain, narrow, fused] = run.map(|run| run(wall, tree, 1).0);
     let bits = |hit: &Option<Hit>| hit.map(|h| [h.t.to_bits(), h.u.to_bits(), h.v.to_bits(), h.primitive]);
     let differ = |hits: &[Option<Hit>]| {
         in_a_million(hits.iter().zip(&plain).filter(|(a, b)| bits(a) != bits(b)).count(), plain.len())
     };
-    for (knob, settings) in [
-        ("conservative boxes", [("on", &plain, times[0]), ("off", &narrow, times[1])]),
-        ("fused multiply-add", [("none", &plain, times[0]), ("in the triangle test", &fused, times[2])]),
+    for (knob, setting, hits, time_ms) in [
+        ("conservative boxes", "on", &plain, times[0]),
+        ("conservative boxes", "off", &narrow, times[1]),
+        ("fused multiply-add", "none", &plain, times[0]),
+        ("fused multiply-add", "in the triangle test", &fused, times[2]),
     ] {
-        for (setting, hits, time_ms) in settings {
-            let is_default = std::ptr::eq(hits, &raw const plain);
-            let rows = wall.camera.height().div_ceil(PART as u32);
-            let note = format!("time of {} single rays, one thread", rows * wall.camera.width());
-            let of = format!("{knob} at {condition}");
-            let point = Point { note, ..Point::new(&of, setting, is_default, time_ms) };
-            log.add(point.with(LEAKS.0, leaks(hits), LEAKS.1))?;
-            if knob == "fused multiply-add" {
-                log.add(point.with("hits with other bits than without", differ(hits), "in a million"))?;
-            }
+        let is_default = std::ptr::eq(hits, &raw const plain);
+        let rows = wall.camera.height().div_ceil(PART as u32);
+        let note = format!("time of {} single rays, one thread", rows * wall.camera.width());
+        let of = format!("{knob} at {condition}");
+        let point = Point { note, ..Point::new(&of, setting, is_default, time_ms) };
+        log.add(point.with(LEAKS.0, leaks(hits), LEAKS.1))?;
+        if knob == "fused multiply-add" {
+            log.add(point.with("hits with other bits than without", differ(hits), "in a million"))?;
         }
     }
     Ok(())
@@ -235,7 +235,7 @@ pub(super) fn in_frames(bench: &mut Bench<'_>) -> Result<()> {
         let with = |triangle_test| RenderOptions { triangle_test, traversal, ..bench.flat() };
         let all = TriangleTest::ALL;
         let times =
-            in_turns(rounds * bench.log.effort.rounds, all.len(), |i| Ok(bench.trace(&tree, &with(all[i]))))?;
+            in_turns(rounds * bench.log.rounds(), all.len(), |i| Ok(bench.trace(&tree, &with(all[i]))))?;
         let see = |test| bench.see(&tree, &bench.stage.triangles(), &with(test));
         let exact = see(TriangleTest::Double);
         let errors = all.map(|test| differing(&see(test), &exact));

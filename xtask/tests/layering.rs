@@ -1,12 +1,12 @@
 //! Which crate may depend on which, and within `bvh-update` which folder on which; arrows go one
-//! way only.
+//! way only. And the README names the command that runs these tests.
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::process::Command;
 
-use anyhow::{Context, Result};
-use lab::files;
+use lab::files::workspace;
 use serde_json::Value;
 
 /// For each crate of the workspace, the others of the workspace that it may depend on.
@@ -66,20 +66,20 @@ const UPDATE_MODULES: [&str; 12] = [
 
 /// Every edge between crates of the workspace that is not allowed, and every crate that is not
 /// known here.
-pub(crate) fn violations(metadata: &str) -> Result<Vec<String>> {
-    let metadata: Value = serde_json::from_str(metadata)?;
-    let list = |of: &Value| of.as_array().cloned().context("cargo metadata printed something unexpected");
-    let name = |of: &Value| of["name"].as_str().unwrap_or_default().to_owned();
-    let packages = list(&metadata["packages"])?;
+fn violations(metadata: &str) -> Vec<String> {
+    let metadata: Value = serde_json::from_str(metadata).expect("JSON");
+    let list = |of: &Value| of.as_array().expect("a list, as cargo metadata prints it").clone();
+    let name = |of: &Value| of["name"].as_str().expect("a name").to_owned();
+    let packages = list(&metadata["packages"]);
     let members: Vec<String> = packages.iter().map(name).collect();
     let (allowed, in_tests) = (BTreeMap::from(ALLOWED), BTreeMap::from(ALLOWED_IN_TESTS));
     let mut found = Vec::new();
     for (package, from) in packages.iter().zip(&members) {
         let Some(may) = allowed.get(from.as_str()) else {
-            found.push(format!("{from} is not in the list of crates in xtask/src/layering.rs"));
+            found.push(format!("{from} is not in the list of crates in xtask/tests/layering.rs"));
             continue;
         };
-        for dependency in list(&package["dependencies"])? {
+        for dependency in list(&package["dependencies"]) {
             let to = name(&dependency);
             let for_tests = dependency["kind"] == "dev"
                 && in_tests.get(from.as_str()).is_some_and(|names| names.contains(&to.as_str()));
@@ -88,40 +88,40 @@ pub(crate) fn violations(metadata: &str) -> Result<Vec<String>> {
             }
         }
     }
-    Ok(found)
+    found
 }
 
 /// Every import within `bvh-update` that goes against the order of its modules, and every module
 /// that is not known here; `source` is its folder of sources.
-pub(crate) fn module_violations(source: &Path) -> Result<Vec<String>> {
+fn module_violations(source: &Path) -> Vec<String> {
     let mut found = Vec::new();
-    for file in rust_files(source)? {
-        let first = file.strip_prefix(source)?.iter().next().unwrap_or_default();
+    for file in rust_files(source) {
+        let first = file.strip_prefix(source).expect("below it").iter().next().unwrap_or_default();
         let module = Path::new(first).file_stem().unwrap_or_default();
         let name = file.display();
         match UPDATE_MODULES.iter().position(|known| module == *known) {
             Some(rank) => {
-                let text = String::from_utf8(files::read(&file)?)?;
+                let text = fs::read_to_string(&file).expect("a source");
                 found.extend(imports_against(&text, rank).map(|to| format!("{name} must not import {to}")));
             }
             None if module == "lib" => {}
-            None => found.push(format!("{name} is not in the list of modules in xtask/src/layering.rs")),
+            None => found.push(format!("{name} is not in the list of modules in xtask/tests/layering.rs")),
         }
     }
-    Ok(found)
+    found
 }
 
-fn rust_files(folder: &Path) -> Result<Vec<std::path::PathBuf>> {
+fn rust_files(folder: &Path) -> Vec<PathBuf> {
     let mut files = Vec::new();
-    for entry in fs::read_dir(folder).with_context(|| format!("{}: cannot be read", folder.display()))? {
-        let path = entry?.path();
+    for entry in fs::read_dir(folder).expect("a folder") {
+        let path = entry.expect("readable").path();
         if path.is_dir() {
-            files.extend(rust_files(&path)?);
+            files.extend(rust_files(&path));
         } else if path.extension().is_some_and(|extension| extension == "rs") {
             files.push(path);
         }
     }
-    Ok(files)
+    files
 }
 
 /// The modules named after `crate::` outside of tests and comments that a module of this rank may
@@ -140,55 +140,54 @@ fn imports_against(text: &str, rank: usize) -> impl Iterator<Item = &'static str
     UPDATE_MODULES[rank + 1..].iter().copied().filter(move |module| named.iter().any(|name| name == module))
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+fn check(package: &str, dependency: &str, kind: &str) -> Vec<String> {
+    let metadata = format!(
+        r#"{{"packages": [
+            {{"name": "{package}", "dependencies": [{{"name": "{dependency}", "kind": {kind}}}]}},
+            {{"name": "bvh-core", "dependencies": [{{"name": "glam", "kind": null}}]}},
+            {{"name": "bvh-build", "dependencies": []}}
+        ]}}"#
+    );
+    violations(&metadata)
+}
 
-    #[test]
-    fn modules_import_only_those_before_them() {
-        let quality = UPDATE_MODULES.iter().position(|&m| m == "quality").unwrap();
-        let against = |text: &str| imports_against(text, quality).collect::<Vec<_>>();
-        assert!(against("use crate::refit::pass;\n/// See crate::auto.\n").is_empty());
-        assert_eq!(against("use crate::refit::pass;\nuse crate::repair::{RepairScratch};\n"), ["repair"]);
-        assert_eq!(against("use crate::{repair, refit};\n"), ["repair"]);
-        assert_eq!(
-            against("use crate::{\n    refit::{pass, plain},\n    repair,\n};\nauto(1, 2)"),
-            ["repair"]
-        );
-        assert!(against("#[cfg(test)]\nmod tests {\n    use crate::auto::Auto;\n}").is_empty());
-        let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("../crates/bvh-update/src");
-        assert_eq!(module_violations(&source).unwrap(), Vec::<String>::new());
-        for module in UPDATE_MODULES {
-            let file = source.join(module).with_extension("rs");
-            assert!(file.exists() || source.join(module).is_dir(), "there is no {module}");
-        }
-        let other = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
-        let unknown = module_violations(&other).unwrap();
-        assert!(
-            unknown
-                .iter()
-                .any(|line| line.ends_with("ci.rs is not in the list of modules in xtask/src/layering.rs"))
-        );
+#[test]
+fn arrows_between_crates_go_one_way() {
+    assert!(check("bvh-update", "bvh-core", "null").is_empty());
+    assert_eq!(check("anim", "bvh-core", "null"), ["anim must not depend on bvh-core"]);
+    assert_eq!(check("rt-cpu", "bvh-build", "null"), ["rt-cpu must not depend on bvh-build"]);
+    assert!(check("rt-cpu", "bvh-build", "\"dev\"").is_empty());
+    assert_eq!(check("newcomer", "glam", "null").len(), 1);
+    let mut cargo = Command::new(env!("CARGO"));
+    let cargo = cargo.args(["metadata", "--format-version", "1", "--no-deps"]).current_dir(workspace());
+    let printed = String::from_utf8(cargo.output().expect("cargo").stdout).expect("text");
+    assert_eq!(violations(&printed), Vec::<String>::new());
+}
+
+#[test]
+fn modules_import_only_those_before_them() {
+    let quality = UPDATE_MODULES.iter().position(|&m| m == "quality").unwrap();
+    let against = |text: &str| imports_against(text, quality).collect::<Vec<_>>();
+    assert!(against("use crate::refit::pass;\n/// See crate::auto.\n").is_empty());
+    assert_eq!(against("use crate::refit::pass;\nuse crate::repair::{RepairScratch};\n"), ["repair"]);
+    assert_eq!(against("use crate::{repair, refit};\n"), ["repair"]);
+    assert_eq!(against("use crate::{\n    refit::{pass, plain},\n    repair,\n};\nauto(1, 2)"), ["repair"]);
+    assert!(against("#[cfg(test)]\nmod tests {\n    use crate::auto::Auto;\n}").is_empty());
+    let source = workspace().join("crates/bvh-update/src");
+    assert_eq!(module_violations(&source), Vec::<String>::new());
+    for module in UPDATE_MODULES {
+        let file = source.join(module).with_extension("rs");
+        assert!(file.exists() || source.join(module).is_dir(), "there is no {module}");
     }
+    let unknown = module_violations(&workspace().join("xtask/src"));
+    let line = "ci.rs is not in the list of modules in xtask/tests/layering.rs";
+    assert!(unknown.iter().any(|violation| violation.ends_with(line)), "{unknown:?}");
+}
 
-    fn check(package: &str, dependency: &str, kind: &str) -> Vec<String> {
-        let metadata = format!(
-            r#"{{"packages": [
-                {{"name": "{package}", "dependencies": [{{"name": "{dependency}", "kind": {kind}}}]}},
-                {{"name": "bvh-core", "dependencies": [{{"name": "glam", "kind": null}}]}},
-                {{"name": "bvh-build", "dependencies": []}}
-            ]}}"#
-        );
-        violations(&metadata).unwrap()
-    }
-
-    #[test]
-    fn arrows_go_one_way() {
-        assert!(check("bvh-update", "bvh-core", "null").is_empty());
-        assert_eq!(check("anim", "bvh-core", "null"), ["anim must not depend on bvh-core"]);
-        assert_eq!(check("rt-cpu", "bvh-build", "null"), ["rt-cpu must not depend on bvh-build"]);
-        assert!(check("rt-cpu", "bvh-build", "\"dev\"").is_empty());
-        assert_eq!(check("newcomer", "glam", "null").len(), 1);
-        assert!(violations("{}").is_err());
+#[test]
+fn the_readme_names_the_test_command_of_ci() {
+    for file in ["README.md", "xtask/src/ci.rs"] {
+        let text = fs::read_to_string(workspace().join(file)).expect("text");
+        assert!(text.contains("cargo test --workspace"), "{file} must name the test command");
     }
 }
