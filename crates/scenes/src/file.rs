@@ -19,9 +19,9 @@ const FRAME_RATE: f64 = 24.0;
 const MOST_FRAMES: usize = 1_000_000;
 
 pub(crate) fn scene(path: &Path, clip: Option<&str>, options: &SceneOptions<'_>) -> Result<Scene, LoadError> {
-    let textures =
-        options.light.is_none_or(|light| light.intersects(LightEffects::TEXTURES | LightEffects::ALPHA));
-    let mut load = LoadOptions { clip, textures, ..LoadOptions::default() };
+    let without_textures =
+        options.light.is_some_and(|light| !light.intersects(LightEffects::TEXTURES | LightEffects::ALPHA));
+    let mut load = LoadOptions { clip, without_textures, ..LoadOptions::default() };
     let mut animation = anim::load(path, &load)?;
     if options.local_origin {
         load.origin = anim::center(&*animation);

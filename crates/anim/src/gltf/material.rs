@@ -105,7 +105,7 @@ pub(super) fn add_textures(
     let mut textures = Textures { accessors, images: HashMap::new(), unreadable: Vec::new() };
     // By number in the file, those in the topology.
     let mut known: HashMap<usize, Option<u32>> = HashMap::new();
-    for &number in used.iter().filter(|_| accessors.options.textures) {
+    for &number in used.iter().filter(|_| !accessors.options.without_textures) {
         let Some(info) = texture_info(root, number) else { continue };
         let index = info.index.value();
         if let Entry::Vacant(unknown) = known.entry(index) {
