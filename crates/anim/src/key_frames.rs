@@ -1,11 +1,10 @@
 //! Meshes whose positions are interpolated linearly between key frames.
 
 use std::ops::Range;
-use std::path::Path;
 
 use glam::Vec3;
 
-use crate::{Animation, LoadError, Model, Motion, PoseStats, Problem, Topology};
+use crate::{Animation, Model, Motion, PoseStats, Problem};
 
 /// Time from one key frame to the next where nothing else is known, in seconds.
 pub const DEFAULT_SECONDS_PER_FRAME: f64 = 1.0 / 24.0;
@@ -28,43 +27,31 @@ pub struct KeyFrames {
 }
 
 impl KeyFrames {
-    /// The animation that begins with the mesh `first` and goes on through the positions of `more`
-    /// files, [`DEFAULT_SECONDS_PER_FRAME`] apart. Errors name `path`.
-    pub(crate) fn of_files(first: Model, more: Vec<Vec<Vec3>>, path: &Path) -> Result<Self, LoadError> {
-        let Model { topology, rest, notes, .. } = first;
-        let frames = std::iter::once(rest).chain(more).collect();
-        let animation = Self::new(topology, frames, DEFAULT_SECONDS_PER_FRAME);
-        let mut animation = animation.map_err(|problem| problem.in_file(path))?;
-        animation.model.notes = notes;
-        Ok(animation)
-    }
-
-    /// An animation through `frames`, each with one position per vertex, `seconds_per_frame` apart.
+    /// An animation from the rest positions of `model` through the positions of `more` key frames,
+    /// `seconds_per_frame` apart; each has one position per vertex.
     ///
-    /// Which vertices move is found out here, by comparing the frames bit for bit: `moves` of
-    /// `topology` and the motion of its parts are set accordingly, whatever they were. A single
-    /// frame is a still mesh. O(vertices * frames); beside the result, memory for one more frame.
+    /// Which vertices move is found out here, by comparing the frames bit for bit: `moves` of the
+    /// topology, the motion of its parts and the duration are set accordingly, whatever they were.
+    /// Without more frames it is a still mesh. O(vertices * frames); beside the result, memory for
+    /// one more frame.
     ///
     /// # Errors
-    /// If there are no frames, frames and topology do not fit each other, or the time is not
-    /// positive.
-    pub fn new(
-        mut topology: Topology,
-        mut frames: Vec<Vec<Vec3>>,
-        seconds_per_frame: f64,
-    ) -> Result<Self, Problem> {
-        check_topology(&topology)?;
+    /// If a frame does not have one position for each vertex, or the time is not positive.
+    ///
+    /// # Panics
+    /// If a triangle or a part names a vertex that the topology does not have.
+    pub fn new(mut model: Model, more: Vec<Vec<Vec3>>, seconds_per_frame: f64) -> Result<Self, Problem> {
         if !(seconds_per_frame > 0.0 && seconds_per_frame.is_finite()) {
             let found = format!("{seconds_per_frame} seconds from one to the next");
             return Err(Problem::new("key frames", found, "a positive finite number"));
         }
+        let mut frames: Vec<_> = std::iter::once(model.rest.clone()).chain(more).collect();
+        let (rest, topology) = (&model.rest, &mut model.topology);
         let count = topology.vertex_count;
         if let Some((number, frame)) = frames.iter().enumerate().find(|(_, frame)| frame.len() != count) {
             let (place, found) = (format!("key frame {number}"), format!("{} positions", frame.len()));
             return Err(Problem::new(place, found, format!("{count}, one for each vertex")));
         }
-        let none = || Problem::new("key frames", "none", "at least one");
-        let rest = frames.first().ok_or_else(none)?.clone();
 
         let mut moves = vec![false; rest.len()];
         let bits = |position: &Vec3| position.to_array().map(f32::to_bits);
@@ -87,8 +74,7 @@ impl KeyFrames {
             part.motion.set(Motion::KEY_FRAMES, moves);
         }
         let way = (frames.len() - 1) as f64 * seconds_per_frame;
-        let duration = if moving.is_empty() { 0.0 } else { way };
-        let model = Model { topology, rest, duration, ..Model::default() };
+        model.duration = if moving.is_empty() { 0.0 } else { way };
         Ok(Self { model, moving, frames, seconds_per_frame })
     }
 
@@ -144,35 +130,6 @@ impl Animation for KeyFrames {
     }
 }
 
-fn check_topology(topology: &Topology) -> Result<(), Problem> {
-    let vertex_count = topology.vertex_count;
-    let corners = topology.triangles.as_flattened();
-    if let Some(wrong) = corners.iter().position(|&corner| corner as usize >= vertex_count) {
-        let (place, found) = (format!("triangle {}", wrong / 3), format!("vertex {}", corners[wrong]));
-        return Err(Problem::new(place, found, format!("one below {vertex_count}")));
-    }
-    let mut covered = 0;
-    for (number, part) in topology.parts.iter().enumerate() {
-        let (triangles, vertices, materials) = (&part.triangles, &part.vertices, topology.materials.len());
-        let (found, expected) = if triangles.start != covered || triangles.end < covered {
-            (format!("triangles {triangles:?}"), format!("a range that begins at {covered}"))
-        } else if vertices.start > vertices.end || vertices.end as usize > vertex_count {
-            (format!("vertices {vertices:?}"), format!("a range up to {vertex_count}"))
-        } else if part.material as usize >= materials {
-            (format!("material {}", part.material), format!("one below {materials}"))
-        } else {
-            covered = triangles.end;
-            continue;
-        };
-        return Err(Problem::new(format!("part {number}"), found, expected));
-    }
-    if covered as usize != topology.triangles.len() {
-        let (found, expected) = (format!("{covered} triangles"), topology.triangles.len().to_string());
-        return Err(Problem::new("all parts", found, expected));
-    }
-    Ok(())
-}
-
 /// Where `time` falls among keys in order of time: the last key at or before it, else the first;
 /// how far it is from there to the next, in [0, 1]; and how long that way takes. There is no way
 /// before the first key and behind the last.
@@ -198,10 +155,10 @@ fn runs(flags: &[bool]) -> Vec<Range<usize>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Material, Part};
+    use crate::{Material, Part, Topology};
 
     /// A still triangle (vertices 0 to 2) and one whose last two vertices move.
-    fn topology() -> Topology {
+    fn model(rest: Vec<Vec3>) -> Model {
         let part = |name: &str, triangles, vertices| Part {
             name: name.into(),
             triangles,
@@ -209,14 +166,19 @@ mod tests {
             motion: Motion::empty(),
             material: 0,
         };
-        Topology {
+        let topology = Topology {
             triangles: vec![[0, 1, 2], [3, 4, 5]],
             vertex_count: 6,
             moves: Vec::new(),
             parts: vec![part("still", 0..1, 0..3), part("moving", 1..2, 3..6)],
             materials: vec![Material::default()],
             ..Topology::default()
-        }
+        };
+        Model { topology, rest, ..Model::default() }
+    }
+
+    fn key_frames(mut frames: Vec<Vec<Vec3>>, seconds_per_frame: f64) -> Result<KeyFrames, Problem> {
+        KeyFrames::new(model(frames.remove(0)), frames, seconds_per_frame)
     }
 
     fn frame(x: f32) -> Vec<Vec3> {
@@ -235,7 +197,7 @@ mod tests {
     #[test]
     fn interpolates_and_keeps_only_what_moves() {
         let frames = vec![frame(0.0), frame(1.0), frame(3.0)];
-        let animation = KeyFrames::new(topology(), frames, 0.5).unwrap();
+        let animation = key_frames(frames, 0.5).unwrap();
         assert_eq!(animation.duration(), 1.0);
         assert_eq!(animation.frames[0].len(), 2);
         assert_eq!(animation.topology().moves, [false, true]);
@@ -252,7 +214,7 @@ mod tests {
 
     #[test]
     fn vertices_that_stand_still_are_never_written() {
-        let animation = KeyFrames::new(topology(), vec![frame(0.0), frame(1.0)], 1.0).unwrap();
+        let animation = key_frames(vec![frame(0.0), frame(1.0)], 1.0).unwrap();
         let mut positions = vec![Vec3::NAN; 6];
         animation.pose(0.3, &mut positions);
         assert_eq!(
@@ -264,7 +226,7 @@ mod tests {
     #[test]
     fn back_and_forth() {
         let frames = [0.0, 1.0, 3.0, 1.0, 0.0].map(frame).to_vec();
-        let animation = KeyFrames::new(topology(), frames, 1.0).unwrap();
+        let animation = key_frames(frames, 1.0).unwrap();
         assert_eq!(animation.duration(), 4.0);
         for (time, x) in [(1.5, 2.0), (2.0, 3.0), (2.5, 2.0), (3.0, 1.0), (3.5, 0.5), (4.0, 0.0)] {
             assert_eq!(at(&animation, time), frame(x), "at {time}");
@@ -273,7 +235,7 @@ mod tests {
 
     #[test]
     fn a_single_frame_stands_still() {
-        let animation = KeyFrames::new(topology(), vec![frame(2.0)], 1.0).unwrap();
+        let animation = key_frames(vec![frame(2.0)], 1.0).unwrap();
         assert_eq!(animation.duration(), 0.0);
         assert_eq!(animation.topology().moves, [false, false]);
         assert_eq!(at(&animation, 5.0), frame(2.0));
@@ -283,7 +245,7 @@ mod tests {
     fn a_vertex_that_is_infinite_in_one_key_comes_back() {
         let mut broken = frame(1.0);
         broken[4] = Vec3::INFINITY;
-        let animation = KeyFrames::new(topology(), vec![frame(0.0), broken, frame(3.0)], 1.0).unwrap();
+        let animation = key_frames(vec![frame(0.0), broken, frame(3.0)], 1.0).unwrap();
         assert_eq!(at(&animation, 0.0), frame(0.0));
         assert!(!at(&animation, 0.5)[4].is_finite());
         assert_eq!(at(&animation, 2.0), frame(3.0));
@@ -292,7 +254,7 @@ mod tests {
     #[test]
     fn key_times_hit_keys_exactly() {
         let frames: Vec<_> = (0..100).map(|i| frame((i as f32).sqrt())).collect();
-        let animation = KeyFrames::new(topology(), frames.clone(), 1.0 / 24.0).unwrap();
+        let animation = key_frames(frames.clone(), 1.0 / 24.0).unwrap();
         for (number, frame) in frames.iter().enumerate() {
             assert_eq!(&at(&animation, number as f64 / 24.0), frame);
             assert_eq!(&at(&animation, animation.duration() * number as f64 / 99.0), frame);
@@ -301,23 +263,13 @@ mod tests {
 
     #[test]
     fn misfits_are_errors() {
-        let new = |topology, frames| KeyFrames::new(topology, frames, 1.0).unwrap_err();
-        let new = |topology, frames| new(topology, frames).to_string();
-        assert_eq!(new(topology(), vec![]), "key frames: found none, expected at least one");
-        let short = vec![frame(0.0), frame(0.0)[..5].to_vec()];
-        let expected = "key frame 1: found 5 positions, expected 6, one for each vertex";
-        assert_eq!(new(topology(), short), expected);
-        let mut bad = topology();
-        bad.triangles[1][2] = 6;
-        assert_eq!(new(bad, vec![frame(0.0)]), "triangle 1: found vertex 6, expected one below 6");
-        let mut bad = topology();
-        bad.parts.pop();
-        assert_eq!(new(bad, vec![frame(0.0)]), "all parts: found 1 triangles, expected 2");
-        let mut bad = topology();
-        bad.parts[0].vertices = 0..7;
-        assert_eq!(new(bad, vec![frame(0.0)]), "part 0: found vertices 0..7, expected a range up to 6");
+        let short = || frame(0.0)[..5].to_vec();
+        for (number, frames) in [vec![short()], vec![frame(0.0), short()]].into_iter().enumerate() {
+            let expected = format!("key frame {number}: found 5 positions, expected 6, one for each vertex");
+            assert_eq!(key_frames(frames, 1.0).unwrap_err().to_string(), expected);
+        }
         for seconds in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-            assert!(KeyFrames::new(topology(), vec![frame(0.0)], seconds).is_err());
+            assert!(key_frames(vec![frame(0.0)], seconds).is_err());
         }
     }
 

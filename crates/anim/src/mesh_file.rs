@@ -10,9 +10,8 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use crate::Model;
 use crate::error::{LoadError, Problem};
-use crate::key_frames::KeyFrames;
+use crate::{DEFAULT_SECONDS_PER_FRAME, KeyFrames, Model};
 
 /// Whether [`load`](crate::load) takes a file of this name for a mesh without an animation, camera
 /// or lights: .obj, .ply or .stl, in upper or lower case.
@@ -29,7 +28,8 @@ pub(crate) fn format_of(file: &Path) -> Option<&'static str> {
 
 /// Reads a mesh that stands still, relative to `origin`.
 pub(crate) fn parse(file: &Path, bytes: &[u8], origin: DVec3) -> Result<KeyFrames, LoadError> {
-    KeyFrames::of_files(read_mesh(file, bytes, origin)?, Vec::new(), file)
+    let model = read_mesh(file, bytes, origin)?;
+    KeyFrames::new(model, Vec::new(), DEFAULT_SECONDS_PER_FRAME).map_err(|problem| problem.in_file(file))
 }
 
 /// A text without the byte order mark that some editors put at its start.

@@ -52,11 +52,7 @@ impl Work {
     /// Does `work`, and adds it if it `counts`: beside what is called for there is what stays the
     /// same but has to be done again, as under a still node.
     pub(crate) fn add_if(&mut self, counts: bool, work: impl FnOnce() -> usize) {
-        if counts {
-            self.add(work);
-        } else {
-            work();
-        }
+        self.add(|| work() * usize::from(counts));
     }
 }
 

@@ -4,11 +4,10 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use crate::Topology;
 use crate::error::{LoadError, Problem};
 use crate::files::read_beside;
-use crate::key_frames::KeyFrames;
 use crate::mesh_file::{format_of, read_mesh};
+use crate::{DEFAULT_SECONDS_PER_FRAME, KeyFrames, Topology};
 
 /// Loads the files of a directory as key frames, relative to `origin`.
 pub(crate) fn load(directory: &Path, origin: DVec3) -> Result<KeyFrames, LoadError> {
@@ -31,7 +30,7 @@ pub(crate) fn load(directory: &Path, origin: DVec3) -> Result<KeyFrames, LoadErr
         // Two frames go back and forth.
         more.push(first.rest.clone());
     }
-    KeyFrames::of_files(first, more, directory)
+    KeyFrames::new(first, more, DEFAULT_SECONDS_PER_FRAME).map_err(|problem| problem.in_file(directory))
 }
 
 /// The mesh files of `directory` in natural order.

@@ -25,7 +25,7 @@ pub enum Filter {
 }
 
 /// An image and how it is continued between and beyond its texels. Cheap to clone.
-#[derive(Clone, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Texture {
     /// Texels in a row, at least 1.
     pub width: u32,
@@ -40,12 +40,4 @@ pub struct Texture {
     pub wrap: [Wrap; 2],
     /// What is seen between texels.
     pub filter: Filter,
-}
-
-/// Without its texels, which would fill the screen.
-impl std::fmt::Debug for Texture {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { width, height, wrap, filter, .. } = self;
-        write!(f, "Texture({width} x {height}, {wrap:?}, {filter:?})")
-    }
 }

@@ -7,7 +7,7 @@
 
 use std::f32::consts::{PI, TAU};
 
-use anim::{KeyFrames, Motion};
+use anim::{KeyFrames, Model, Motion};
 use glam::{Vec3, vec3};
 
 use crate::rigid::{rotated, rotation};
@@ -79,9 +79,10 @@ pub(crate) fn scene(options: &SceneOptions<'_>, start: usize) -> Result<Scene, S
     sculpture.add(&shapes[0]);
     assembly.part("sculpture", &sculpture, Motion::KEY_FRAMES, bronze);
     furnish(&mut assembly);
-    let still = &assembly.positions[3 * count..];
-    let frames: Vec<Vec<Vec3>> = shapes.iter().map(|shape| [&shape.concat()[..], still].concat()).collect();
-    let animation = KeyFrames::new(assembly.topology, frames, SECONDS_PER_SHAPE)?;
+    let Assembly { topology, positions: rest } = assembly;
+    let more = shapes[1..].iter().map(|shape| [&shape.concat()[..], &rest[3 * count..]].concat()).collect();
+    let model = Model { topology, rest, ..Model::default() };
+    let animation = KeyFrames::new(model, more, SECONDS_PER_SHAPE)?;
     let seen = (vec3(0.5, 2.5, 4.9), vec3(0.0, 2.15, 0.0));
     Ok(Scene::new(&INFO, Box::new(animation), seen, 55_f32.to_radians(), vec3(-1.6, 4.7, 2.8)))
 }

@@ -1,6 +1,6 @@
 //! `cloth-ball`: a square cloth falls onto a ball, which then turns and winds it up.
 
-use anim::{KeyFrames, Motion};
+use anim::{KeyFrames, Model, Motion};
 use glam::{DQuat, DVec3, Vec3};
 
 use crate::cache::{Record, recorded};
@@ -50,7 +50,10 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     assembly.part("ball", &sphere(RADIUS as f32, 20, 20), Motion::KEY_FRAMES, ball);
     let seconds_per_key = SECONDS / (keys - 1) as f64;
     let key_bytes = keys * size_of::<Vec3>() * assembly.positions.len();
-    let animation = KeyFrames::new(assembly.topology, frames, seconds_per_key)?;
+    let mut frames = frames.into_iter();
+    let rest = frames.next().unwrap_or_default();
+    let model = Model { topology: assembly.topology, rest, ..Model::default() };
+    let animation = KeyFrames::new(model, frames.collect(), seconds_per_key)?;
     let (eye, target) = (Vec3::new(15.0, 13.5, 41.0), Vec3::new(0.0, 6.0, 0.0));
     let (fov_y, light) = (38_f32.to_radians(), Vec3::new(-18.0, 45.0, 22.0));
     let scene = Scene::new(&INFO, Box::new(animation), (eye, target), fov_y, light);

@@ -52,11 +52,11 @@ pub(crate) fn blended(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
         rigid.animation.pose(key as f64 * seconds, &mut positions);
         positions
     };
-    let frames: Vec<_> = (0..BLENDED_KEYS).map(pose).collect();
-    let topology = rigid.animation.topology().clone();
-    let moving = topology.parts.iter().filter(|part| !part.motion.is_empty());
+    let more = (1..BLENDED_KEYS).map(pose).collect();
+    let model = rigid.animation.model().clone();
+    let moving = model.topology.parts.iter().filter(|part| !part.motion.is_empty());
     let key_bytes = BLENDED_KEYS * moving.map(|part| part.vertices.len()).sum::<usize>() * size_of::<Vec3>();
-    let animation = KeyFrames::new(topology, frames, seconds)?;
+    let animation = KeyFrames::new(model, more, seconds)?;
     let effects = Effects { motion: Motion::KEY_FRAMES, ..EFFECTS };
     Ok(Scene { animation: Box::new(animation), key_bytes, effects, ..rigid })
 }

@@ -19,9 +19,9 @@ const FRAME_RATE: f64 = 24.0;
 const MOST_FRAMES: usize = 1_000_000;
 
 pub(crate) fn scene(path: &Path, clip: Option<&str>, options: &SceneOptions<'_>) -> Result<Scene, LoadError> {
-    let textures =
-        options.light.is_none_or(|light| light.intersects(LightEffects::TEXTURES | LightEffects::ALPHA));
-    let mut load = LoadOptions { clip, textures, ..LoadOptions::default() };
+    let without_textures =
+        options.light.is_some_and(|light| !light.intersects(LightEffects::TEXTURES | LightEffects::ALPHA));
+    let mut load = LoadOptions { clip, without_textures, ..LoadOptions::default() };
     let mut animation = anim::load(path, &load)?;
     if options.local_origin {
         load.origin = anim::center(&*animation);
@@ -119,7 +119,7 @@ fn framing(center: Vec3, radius: f32) -> (View, Light) {
 
 #[cfg(test)]
 mod tests {
-    use anim::{KeyFrames, Topology};
+    use anim::{KeyFrames, Model, Topology};
 
     use super::*;
 
@@ -139,8 +139,9 @@ mod tests {
                 materials: vec![anim::Material::default()],
                 ..Topology::default()
             };
-            let keys = [0.0, 1.0].map(|y| vec![Vec3::ZERO, Vec3::X, vec3(0.0, y, 1.0)]).to_vec();
-            let animation = KeyFrames::new(topology, keys, seconds).unwrap();
+            let [rest, next] = [0.0, 1.0].map(|y| vec![Vec3::ZERO, Vec3::X, vec3(0.0, y, 1.0)]);
+            let model = Model { topology, rest, ..Model::default() };
+            let animation = KeyFrames::new(model, vec![next], seconds).unwrap();
             assert_eq!(scene_of(Path::new("a.glb"), Box::new(animation)).frames, frames, "{seconds} s");
         }
     }

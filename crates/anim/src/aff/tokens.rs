@@ -114,10 +114,7 @@ impl<'a> Tokens<'a> {
 
     /// A whole number, at least `fewest`, that counts `what`.
     pub(super) fn count_from(&mut self, fewest: usize, what: &str) -> Result<usize, Problem> {
-        let expected = match fewest {
-            0 => format!("a number of {what}"),
-            _ => format!("a number of {what} from {fewest} up"),
-        };
+        let expected = format!("a number of {what} from {fewest} up");
         match self.count(&expected)? {
             count if count < fewest => Err(self.because(count, expected)),
             count => Ok(count),

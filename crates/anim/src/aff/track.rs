@@ -8,6 +8,7 @@
 
 use glam::{DAffine3, DQuat, DVec3};
 
+use crate::key_frames::segment;
 use crate::rotation::{self, slerp};
 
 /// Keys a spline needs: the first and the last are never reached, they only shape the ends.
@@ -121,13 +122,10 @@ impl<T: Value> Spline<T> {
 
     /// The value at `time`, clamped to the [`span`](Self::span).
     pub(super) fn at(&self, time: f64) -> T {
-        let (start, end) = self.span();
-        let time = time.max(start).min(end);
-        let after = self.0.partition_point(|key| key.time <= time);
-        let i = after.saturating_sub(1).clamp(1, self.0.len() - 3);
-        let (key, next) = (&self.0[i], &self.0[i + 1]);
-        let length = next.time - key.time;
-        let u = if length > 0.0 { (time - key.time) / length } else { 1.0 };
+        let time = time.max(self.span().0);
+        let (before, _, length) = segment(&self.0[1..self.0.len() - 1], time, |key| key.time);
+        let (i, key, next) = (before + 1, &self.0[before + 1], &self.0[before + 2]);
+        let u = if length > 0.0 { (time - key.time) / length } else { 0.0 };
         match u {
             0.0 => key.value,
             1.0 => next.value,

@@ -1,6 +1,5 @@
 //! Materials and their base colour textures (glTF 2.0 specification, sections 3.8 and 3.9).
 
-use std::collections::hash_map::Entry;
 use std::collections::{BTreeSet, HashMap};
 use std::io::Cursor;
 use std::sync::Arc;
@@ -103,17 +102,12 @@ pub(super) fn add_textures(
     let used: BTreeSet<u32> = topology.parts.iter().map(|part| part.material).collect();
     let root = accessors.root;
     let mut textures = Textures { accessors, images: HashMap::new(), unreadable: Vec::new() };
-    // By number in the file, those in the topology.
-    let mut known: HashMap<usize, Option<u32>> = HashMap::new();
-    for &number in used.iter().filter(|_| accessors.options.textures) {
+    for &number in used.iter().filter(|_| !accessors.options.without_textures) {
         let Some(info) = texture_info(root, number) else { continue };
-        let index = info.index.value();
-        if let Entry::Vacant(unknown) = known.entry(index) {
-            let read = textures.read(info.index, &format!("material {number}, texture {index}"))?;
-            unknown.insert(read.as_ref().map(|_| topology.textures.len() as u32));
-            topology.textures.extend(read);
-        }
-        topology.materials[number as usize].texture = known[&index];
+        let place = format!("material {number}, texture {}", info.index);
+        let read = textures.read(info.index, &place)?;
+        topology.materials[number as usize].texture = read.as_ref().map(|_| topology.textures.len() as u32);
+        topology.textures.extend(read);
     }
     for &number in &used {
         let material = &mut topology.materials[number as usize];
@@ -154,7 +148,7 @@ impl Textures<'_> {
         let texture = numbered(&root.textures, index.value(), "texture", place)?;
         let source = texture.source.value();
         if source == u32::MAX as usize {
-            self.accessors.leave_out("textures that are neither PNG nor JPEG");
+            self.accessors.leave_out("uses of textures that are neither PNG nor JPEG");
             return Ok(None);
         }
         if !self.images.contains_key(&source) {
