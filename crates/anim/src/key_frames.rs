@@ -36,10 +36,8 @@ impl KeyFrames {
     /// one more frame.
     ///
     /// # Errors
-    /// If a frame does not have one position for each vertex, or the time is not positive.
-    ///
-    /// # Panics
-    /// If a triangle or a part names a vertex that the topology does not have.
+    /// If a frame does not have one position for each vertex, a triangle or a part names a vertex
+    /// that is not there, or the time is not positive.
     pub fn new(mut model: Model, more: Vec<Vec<Vec3>>, seconds_per_frame: f64) -> Result<Self, Problem> {
         if !(seconds_per_frame > 0.0 && seconds_per_frame.is_finite()) {
             let found = format!("{seconds_per_frame} seconds from one to the next");
@@ -51,6 +49,12 @@ impl KeyFrames {
         if let Some((number, frame)) = frames.iter().enumerate().find(|(_, frame)| frame.len() != count) {
             let (place, found) = (format!("key frame {number}"), format!("{} positions", frame.len()));
             return Err(Problem::new(place, found, format!("{count}, one for each vertex")));
+        }
+        let corners_exist = topology.triangles.as_flattened().iter().all(|&corner| (corner as usize) < count);
+        let exist = |vertices: &Range<u32>| vertices.start <= vertices.end && vertices.end as usize <= count;
+        if !corners_exist || !topology.parts.iter().all(|part| exist(&part.vertices)) {
+            let found = "a triangle or a part of other vertices";
+            return Err(Problem::new("topology", found, format!("those below {count}")));
         }
 
         let mut moves = vec![false; rest.len()];
@@ -267,6 +271,13 @@ mod tests {
         for (number, frames) in [vec![short()], vec![frame(0.0), short()]].into_iter().enumerate() {
             let expected = format!("key frame {number}: found 5 positions, expected 6, one for each vertex");
             assert_eq!(key_frames(frames, 1.0).unwrap_err().to_string(), expected);
+        }
+        let mut models = [(); 2].map(|()| model(frame(0.0)));
+        models[0].topology.triangles[1][2] = 6;
+        models[1].topology.parts[1].vertices = 3..7;
+        for model in models {
+            let expected = "topology: found a triangle or a part of other vertices, expected those below 6";
+            assert_eq!(KeyFrames::new(model, Vec::new(), 1.0).unwrap_err().to_string(), expected);
         }
         for seconds in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             assert!(key_frames(vec![frame(0.0)], seconds).is_err());
