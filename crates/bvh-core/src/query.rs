@@ -1,7 +1,6 @@
 //! Queries through closures: overlapping boxes, overlapping pairs, rays, nearest primitive.
 
-use std::iter::Sum;
-use std::ops::{AddAssign, ControlFlow};
+use std::ops::ControlFlow;
 
 use crate::{Aabb, Bvh, MAX_HEIGHT, Node, Primitives, Ray};
 
@@ -17,23 +16,6 @@ pub struct Visits {
     pub nodes: u64,
     /// Primitives tested by them.
     pub primitives: u64,
-}
-
-impl AddAssign for Visits {
-    fn add_assign(&mut self, other: Self) {
-        self.queries += other.queries;
-        self.nodes += other.nodes;
-        self.primitives += other.primitives;
-    }
-}
-
-impl Sum for Visits {
-    fn sum<I: Iterator<Item = Self>>(visits: I) -> Self {
-        visits.fold(Self::default(), |mut sum, one| {
-            sum += one;
-            sum
-        })
-    }
 }
 
 impl Bvh {
