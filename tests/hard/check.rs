@@ -156,7 +156,7 @@ fn check_rays(bvh: &Bvh, triangles: &Triangles<'_>, name: &str) -> usize {
                 let brute = rt_cpu::closest_hit_brute(triangles, &ray, t_max, test);
                 assert_eq!(found, brute, "{name}, {}: ray {i} from {from} along {along}", test.name());
                 let any = rt_cpu::any_hit(bvh, triangles, &ray, t_max, test);
-                assert_eq!(any, rt_cpu::any_hit_brute(triangles, &ray, t_max, test), "{name}: any, ray {i}");
+                assert_eq!(any, brute.is_some(), "{name}: any, ray {i}");
                 assert_eq!(wide.closest_hit(&ray, t_max, test), brute, "{name}: wide, ray {i} from {from}");
                 assert_eq!(wide.any_hit(&ray, t_max, test), any, "{name}: wide, any, ray {i}");
                 if let Some(hit) = found {

@@ -17,7 +17,7 @@ use crate::random::splitmix;
 use crate::{
     Bvh8, Camera, Image, Material, Mesh, Output, PointLight, RenderOptions, SimdLevel, Traversal, render,
 };
-use crate::{Effects, any_hit, any_hit_brute, closest_hit, closest_hit_brute};
+use crate::{Effects, any_hit, closest_hit, closest_hit_brute};
 use crate::{Hit, TriangleTest};
 
 mod absent;

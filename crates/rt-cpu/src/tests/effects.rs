@@ -436,7 +436,7 @@ fn a_mirror_shows_what_is_above_it() {
         let ray = camera.ray(i as u32 % 65, i as u32 / 65);
         let at = ray.origin() - ray.direction() * (ray.origin().y / ray.direction().y);
         let reflected = Ray::new(at, ray.direction() * Vec3::new(1.0, -1.0, 1.0));
-        let ball = any_hit_brute(&above, &reflected, f32::INFINITY, TriangleTest::Watertight);
+        let ball = closest_hit_brute(&above, &reflected, f32::INFINITY, TriangleTest::Watertight).is_some();
         let up = reflected.direction().normalize().y * 0.5 + 0.5;
         let sky =
             (0..3).all(|k| (pixel[k] - tint[k] * (NADIR[k] + up * (ZENITH[k] - NADIR[k]))).abs() < 1e-4);
