@@ -137,7 +137,7 @@ fn target(bvh: &Bvh, triangles: &Triangles<'_>, i: usize) -> (Vec3, Vec3) {
 fn check_rays(bvh: &Bvh, triangles: &Triangles<'_>, name: &str) -> usize {
     let mut hits = 0;
     let (center, extent) = bounds(bvh);
-    let mut wide = Bvh8::new();
+    let mut wide = Bvh8::default();
     wide.update(bvh, triangles);
     for i in 0..24 {
         let from = center + (noise(5, i) - 0.5) * extent * [3.0, 0.9][i % 2];

@@ -34,7 +34,7 @@ fn cast(bvh: &Bvh, triangles: &Triangles<'_>, ray: &Ray, t_max: f32, test: Trian
         test.name()
     );
     assert_eq!(any_hit(bvh, triangles, ray, t_max, test), found.is_some());
-    let mut wide = Bvh8::new();
+    let mut wide = Bvh8::default();
     wide.update(bvh, triangles);
     assert_eq!(wide.closest_hit(ray, t_max, test), found, "{ray:?} up to {t_max}, {}", test.name());
     assert_eq!(wide.any_hit(ray, t_max, test), found.is_some());

@@ -49,7 +49,7 @@ const WIDTH: usize = 8;
 /// let triangles = Triangles { positions: &positions, indices: &[[0, 1, 2]] };
 /// # let node = bvh_core::Node::leaf(bvh_core::Aabb::new(Vec3::ZERO, Vec3::new(1.0, 1.0, 0.0)), 0, 1);
 /// # let bvh = Bvh::new(&[node, bvh_core::Node::NOTHING], vec![0]).unwrap();
-/// let mut wide = Bvh8::new();
+/// let mut wide = Bvh8::default();
 /// wide.update(&bvh, &triangles);
 /// let ray = Ray::new(Vec3::new(0.2, 0.2, 1.0), -Vec3::Z);
 /// let hit = wide.closest_hit(&ray, f32::INFINITY, TriangleTest::Watertight);
@@ -102,12 +102,6 @@ impl Node8 {
 }
 
 impl Bvh8 {
-    /// A view of nothing.
-    #[must_use]
-    pub fn new() -> Self {
-        Self::with_level(SimdLevel::best())
-    }
-
     /// A view of nothing, whose rays use the instructions of `level`, or the best that the machine
     /// has if that is less. Every level finds the same hits.
     #[must_use]
@@ -165,7 +159,8 @@ impl Bvh8 {
 }
 
 impl Default for Bvh8 {
+    /// A view of nothing.
     fn default() -> Self {
-        Self::new()
+        Self::with_level(SimdLevel::best())
     }
 }

@@ -65,7 +65,7 @@ pub fn render_with(
     let smooth = options.smooth && mesh.normals.is_some();
     let Effects { textures, alpha, .. } = effects;
     let shader = Shader { mesh, light, smooth, textures };
-    let mut own = Bvh8::new();
+    let mut own = Bvh8::default();
     let direct_only = Effects { textures, alpha, ..Effects::default() };
     let look = if effects == direct_only {
         Look::Direct(shader)

@@ -196,7 +196,7 @@ fn effects_are_the_same_for_all_threads_traversals_and_simd_levels() {
         assert_ne!(pixel_bits(&image), images[0].0, "another seed");
         let same = RenderOptions { seed: 7, ..other };
         let drawn = |triangles: &Triangles<'_>| {
-            let mut wide = Bvh8::new();
+            let mut wide = Bvh8::default();
             wide.update(&bvh, triangles);
             let mut image = Image::new(0, 0);
             render_with(&bvh, Some(&wide), &mesh, &camera, Some(&light), &same, &mut image);
