@@ -19,6 +19,7 @@ mod collapse;
 mod walk;
 
 use bvh_core::{Aabb, Bvh, Ray, SimdLevel, Triangles};
+use bytemuck::{Pod, Zeroable};
 use fearless_simd::Level;
 use rayon::prelude::*;
 
@@ -58,8 +59,8 @@ const WIDTH: usize = 8;
 #[derive(Debug)]
 pub struct Bvh8 {
     level: Level,
-    nodes: Vec<Node8>,
-    blocks: Vec<Block>,
+    pub(crate) nodes: Vec<Node8>,
+    pub(crate) blocks: Vec<Block>,
     plans: Vec<Plan>,
     /// How many there are that a hit can be of.
     pub(crate) triangles: usize,
@@ -75,8 +76,8 @@ pub struct Bvh8 {
 ///     7    unused, so that a node is four cache lines
 /// ```
 #[repr(C, align(64))]
-#[derive(Clone, Copy, Debug)]
-struct Node8([[f32; WIDTH]; 8]);
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub(crate) struct Node8([[f32; WIDTH]; 8]);
 
 /// Row of what is in the boxes.
 const CHILDREN: usize = 3;
@@ -148,13 +149,6 @@ impl Bvh8 {
         assert_eq!(rays.len(), hits.len(), "one hit a ray");
         let all = (rays.par_iter(), t_max.par_iter(), hits.par_iter_mut()).into_par_iter();
         all.with_min_len(BATCH).for_each(|(ray, &t_max, hit)| *hit = self.closest_hit(ray, t_max, test));
-    }
-
-    /// All of what rays see.
-    #[cfg(test)]
-    pub(crate) fn bytes(&self) -> Vec<u8> {
-        let nodes = self.nodes.iter().flat_map(|node| bytemuck::bytes_of(&node.0));
-        nodes.chain(self.blocks.iter().flat_map(Block::bytes)).copied().collect()
     }
 }
 
