@@ -97,7 +97,7 @@ pub(crate) fn cast_tile<S: Simd, T: WideTest>(
         #[inline(always)]
         || {
             let Tile { corner, size, columns, rows, seen, surfaces, scratch, .. } = &mut *tile;
-            seen.rays.start(frame.camera.eye(), f32::INFINITY);
+            seen.rays.start(frame.camera.eye, f32::INFINITY);
             seen.rays.count = size.0 * size.1;
             let inside = random::in_pixel(frame.options.sample);
             frame.camera.directions(simd, *corner, inside, (columns, rows), &mut seen.rays.direction);

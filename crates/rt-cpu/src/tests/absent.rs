@@ -28,7 +28,7 @@ fn see<S: Simd, T: WideTest>(
     simd.vectorize(
         #[inline(always)]
         || {
-            seen.rays.start(camera.eye(), f32::INFINITY);
+            seen.rays.start(camera.eye, f32::INFINITY);
             seen.rays.count = size.0 * size.1;
             let places = (&*columns, &*rows);
             camera.directions(simd, corner, random::in_pixel(0), places, &mut seen.rays.direction);
@@ -73,7 +73,7 @@ fn by_hand<S: Simd, T: WideTest>(
 ) {
     let scene = Scene { bvh, triangles: &mesh.triangles };
     let shader = Shader { mesh, light: Some(light), smooth: true, textures: false };
-    let (width, height) = (camera.width() as usize, camera.height() as usize);
+    let (width, height) = (camera.width as usize, camera.height as usize);
     for y in (0..height).step_by(TILE) {
         for x in (0..width).step_by(TILE) {
             tile.resize(TILE.min(width - x), TILE.min(height - y));
@@ -129,7 +129,7 @@ fn a_frame_without_effects_is_that_of_a_renderer_without_any() {
             let options = RenderOptions { triangle_test, simd, ..allowed() };
             let mut image = Image::new(0, 0);
             by_render(&bvh, &mesh, &camera, &light, &options, &mut image);
-            let mut plain = Image::new(camera.width(), camera.height());
+            let mut plain = Image::new(camera.width, camera.height);
             with_test!(triangle_test, T => dispatch!(detected(simd), simd => {
                 by_hand::<_, T>(simd, &mut tile, &bvh, &mesh, &camera, &light, &mut plain);
             }));

@@ -52,7 +52,7 @@ fn mean(
     options: &RenderOptions,
     samples: u32,
 ) -> Image {
-    let mut sum = Image::new(camera.width(), camera.height());
+    let mut sum = Image::new(camera.width, camera.height);
     for sample in 0..samples {
         sum.add(&shot(soup, &[material], camera, light, &RenderOptions { sample, ..*options }).0);
     }
@@ -270,7 +270,7 @@ fn ambient_occlusion_of_a_plane_and_of_a_closed_box() {
     };
     for scale in [1e-3, 1.0, 1e4] {
         let plane = floor(50.0).map(|p| p * scale);
-        let camera = Camera::look_at(above.eye() * scale, Vec3::ZERO, Vec3::Z, 0.5, 40, 40);
+        let camera = Camera::look_at(above.eye * scale, Vec3::ZERO, Vec3::Z, 0.5, 40, 40);
         let plain = shot(&plane, &white, &camera, Some(&dark), &RenderOptions::default()).0;
         let open = shot(&plane, &white, &camera, Some(&dark), &occlusion(f32::INFINITY)).0;
         assert_eq!(pixel_bits(&plain), pixel_bits(&open), "scale {scale}");
@@ -317,7 +317,7 @@ fn a_convex_body_in_a_furnace() {
     let camera = Camera::look_at(Vec3::new(2.0, 1.5, 3.0), Vec3::ZERO, Vec3::Y, 0.3, 32, 32);
     for (scale, most) in [(1e-6, 1), (1.0, 20), (1e6, 5)] {
         let ball = icosphere(3).map(|p| p * scale);
-        let camera = Camera::look_at(camera.eye() * scale, Vec3::ZERO, Vec3::Y, 0.3, 32, 32);
+        let camera = Camera::look_at(camera.eye * scale, Vec3::ZERO, Vec3::Y, 0.3, 32, 32);
         let options =
             with(Effects { diffuse_bounces: Some(DiffuseBounces { most, sky }), ..Effects::default() });
         let (image, stats) = shot(&ball, &material, &camera, None, &options);
