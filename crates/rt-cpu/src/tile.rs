@@ -25,6 +25,8 @@ mod leaf;
 mod packet;
 mod walk;
 
+use std::cell::OnceCell;
+
 use bvh_core::{MAX_HEIGHT, Vec3};
 use bytemuck::Zeroable;
 use fearless_simd::Simd;
@@ -48,8 +50,6 @@ pub(crate) struct Scratch {
     stack: [(u32, u64); MAX_HEIGHT as usize + 1],
     group_stack: [(u32, u64); MAX_HEIGHT as usize + 1],
     cut: Cut,
-    /// Those of the packet's frustum; zeroed until needed.
-    sides: Sides,
     /// Inner nodes visited.
     pub(crate) nodes: u64,
 }
@@ -62,6 +62,8 @@ struct Context<'a, S> {
     octant: &'a RayOctant,
     /// The packet's, if its rays have one.
     frustum: Option<(&'a Frame, &'a Frustum)>,
+    /// Those of the frustum, once they are needed.
+    sides: &'a OnceCell<Sides>,
 }
 
 /// Traces a bundle. For `ANY` hits are any, not the closest, and only the primitives count.
@@ -116,7 +118,7 @@ fn trace_shared<S: Simd, T: WideTest, const ANY: bool>(
             continue;
         }
         let frustum = frame.as_ref().map(|frame| (frame, frustum));
-        scratch.sides = Sides::zeroed();
+        let sides = OnceCell::new();
         let present = if bundle.count - at >= PACKET { !0 } else { (1 << (bundle.count - at)) - 1 };
         let (negative, longest) = scratch.packet.load(simd, bundle, at, present);
         // Rays of one octant that are longest along the same axis, together: mostly all of them.
@@ -130,7 +132,7 @@ fn trace_shared<S: Simd, T: WideTest, const ANY: bool>(
             left &= !same;
             let along = Vec3::from([0, 1, 2].map(|k| bundle.direction[k][at + lane as usize]));
             let octant = RayOctant::new(bundle.origin, along, signs, axis);
-            let context = Context { simd, scene, octant: &octant, frustum };
+            let context = Context { simd, scene, octant: &octant, frustum, sides: &sides };
             trace_packet::<S, T, ANY>(context, met, same, scratch);
         }
         let p = &scratch.packet;
