@@ -157,7 +157,7 @@ impl Sides {
 
     /// Which of two siblings may be met: bit 0 the left, bit 1 the right.
     #[inline(always)]
-    pub(crate) fn meet<S: Simd>(&self, simd: S, siblings: &[Node; 2]) -> u32 {
+    pub(crate) fn meet<S: Simd>(&self, simd: S, siblings: &[Node; 2]) -> u64 {
         let words: &[f32; 16] = bytemuck::cast_ref(siblings);
         // With the mask the compiler knows that the index is in range.
         let along = |word: usize| {
@@ -169,8 +169,8 @@ impl Sides {
         let across = (lanes(words) - lanes(&self.origin)) * lanes(&self.scale);
         let outside = across + near * lanes(&self.slopes[0]) + far * lanes(&self.slopes[1]);
         let size = across.abs() + (near.abs() + far.abs()) * self.steepest;
-        let missed = outside.simd_gt(size * SLACK + f32::MIN_POSITIVE).to_bitmask() as u32;
-        u32::from(missed & 0xff == 0) | u32::from(missed & 0xff00 == 0) << 1
+        let missed = outside.simd_gt(size * SLACK + f32::MIN_POSITIVE).to_bitmask();
+        u64::from(missed & 0xff == 0) | u64::from(missed & 0xff00 == 0) << 1
     }
 }
 

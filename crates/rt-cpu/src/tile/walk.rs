@@ -12,7 +12,7 @@ use super::{Context, Scratch};
 use crate::bundle::PACKET;
 use crate::frustum::Sides;
 use crate::scene::Scene;
-use crate::simd::{load, load3};
+use crate::simd::{bits, load, load3};
 use crate::wide::{RayOctant, Slab, V, WideTest};
 
 /// Inner nodes of a subtree that rays of several groups visit before the packet's frustum is tested,
@@ -186,10 +186,9 @@ fn enter_met<S: Simd>(
         || {
             let met = if let Some(sides) = sides { sides.meet(simd, siblings) } else { 0b11 };
             let mut entered = [0; 2];
-            for (side, node) in siblings.iter().enumerate() {
-                if met >> side & 1 == 1 {
-                    [entered[side]] = enter(simd, packet, std::array::from_ref(node), octant, mask);
-                }
+            for side in bits(met) {
+                let node = std::array::from_ref(&siblings[side]);
+                [entered[side]] = enter(simd, packet, node, octant, mask);
             }
             entered
         },
