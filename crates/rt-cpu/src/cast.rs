@@ -10,6 +10,7 @@ use crate::options::{RenderOptions, Traversal};
 use crate::packet;
 use crate::scene::Scene;
 use crate::shade::Appearance;
+use crate::simd::vectorize;
 use crate::sort::Sorter;
 use crate::surface::Surfaces;
 use crate::tile::{self, Scratch};
@@ -93,24 +94,21 @@ pub(crate) fn cast_tile<S: Simd, T: WideTest>(
     tile: &mut Tile,
     tally: &mut Tally,
 ) {
-    simd.vectorize(
-        #[inline(always)]
-        || {
-            let Tile { corner, size, columns, rows, seen, surfaces, scratch, .. } = &mut *tile;
-            seen.rays.start(frame.camera.eye, f32::INFINITY);
-            seen.rays.count = size.0 * size.1;
-            let inside = random::in_pixel(frame.options.sample);
-            frame.camera.directions(simd, *corner, inside, (columns, rows), &mut seen.rays.direction);
-            trace_past_holes::<S, T, false>(simd, frame, seen, scratch, tally);
-            let count = seen.rays.count;
-            tally.stats.rays_primary = count as u64;
-            let hits = seen.hits.primitive[..count].iter().filter(|&&p| p != Hits::NONE);
-            tally.stats.hits = hits.count() as u64;
-            if tally.stats.hits > 0 && (frame.shadows.is_some() || frame.shaded) {
-                surfaces.find(simd, frame.scene.triangles, seen);
-            }
-        },
-    );
+    vectorize!(simd, {
+        let Tile { corner, size, columns, rows, seen, surfaces, scratch, .. } = &mut *tile;
+        seen.rays.start(frame.camera.eye, f32::INFINITY);
+        seen.rays.count = size.0 * size.1;
+        let inside = random::in_pixel(frame.options.sample);
+        frame.camera.directions(simd, *corner, inside, (columns, rows), &mut seen.rays.direction);
+        trace_past_holes::<S, T, false>(simd, frame, seen, scratch, tally);
+        let count = seen.rays.count;
+        tally.stats.rays_primary = count as u64;
+        let hits = seen.hits.primitive[..count].iter().filter(|&&p| p != Hits::NONE);
+        tally.stats.hits = hits.count() as u64;
+        if tally.stats.hits > 0 && (frame.shadows.is_some() || frame.shaded) {
+            surfaces.find(simd, frame.scene.triangles, seen);
+        }
+    });
     light_arrives::<S, T>(simd, frame, tile, tally);
 }
 
@@ -129,24 +127,21 @@ pub(crate) fn light_arrives<S: Simd, T: WideTest>(
     let any_hits = || seen.hits.primitive[..count].iter().any(|&p| p != Hits::NONE);
     let Some(light) = frame.shadows.filter(|_| any_hits()) else { return };
     tally.end(|t| &mut t.primary);
-    simd.vectorize(
-        #[inline(always)]
-        || {
-            shadow.rays.start(light, 1.0);
-            surfaces.shadow_rays(simd, &seen.hits, count, &mut shadow.rays, whose);
-            if frame.options.traversal == Traversal::Tile {
-                sorter.sort_if_scattered(simd, &mut shadow.rays, whose);
-            }
-            trace_past_holes::<S, T, true>(simd, frame, shadow, scratch, tally);
-            let blocked = &shadow.hits.primitive[..shadow.rays.count];
-            tally.stats.rays_shadow += blocked.len() as u64;
-            for (&blocked, &i) in blocked.iter().zip(&*whose) {
-                let arrives = blocked == Hits::NONE;
-                lit[i as usize] = if arrives { 1.0 } else { 0.0 };
-                tally.stats.shadowed += u64::from(!arrives);
-            }
-        },
-    );
+    vectorize!(simd, {
+        shadow.rays.start(light, 1.0);
+        surfaces.shadow_rays(simd, &seen.hits, count, &mut shadow.rays, whose);
+        if frame.options.traversal == Traversal::Tile {
+            sorter.sort_if_scattered(simd, &mut shadow.rays, whose);
+        }
+        trace_past_holes::<S, T, true>(simd, frame, shadow, scratch, tally);
+        let blocked = &shadow.hits.primitive[..shadow.rays.count];
+        tally.stats.rays_shadow += blocked.len() as u64;
+        for (&blocked, &i) in blocked.iter().zip(&*whose) {
+            let arrives = blocked == Hits::NONE;
+            lit[i as usize] = if arrives { 1.0 } else { 0.0 };
+            tally.stats.shadowed += u64::from(!arrives);
+        }
+    });
     tally.end(|t| &mut t.shadow);
 }
 
@@ -180,25 +175,21 @@ pub(crate) fn see_through<S: Simd, T: Test, const ANY: bool>(
     wave: &mut Wave,
     tally: &mut Tally,
 ) {
-    simd.vectorize(
-        #[inline(always)]
-        || {
-            for i in 0..wave.rays.count {
-                let stays = wave.hits.get(i).is_none_or(|hit| {
-                    // With `ANY` a hit comes without the place.
-                    if ANY { mesh.material(hit.primitive).cutoff.is_none() } else { mesh.is_there(&hit) }
-                });
-                if !stays {
-                    let (Scene { bvh, triangles, .. }, t_max) = (scene, wave.rays.t_max);
-                    let (ray, counts) = (wave.rays.ray(i), |hit: &Hit| mesh.is_there(hit));
-                    let hit =
-                        pick::hit::<S, T, ANY>(simd, bvh, triangles, &ray, t_max, &mut tally.work, counts);
-                    wave.hits.set(i, hit);
-                    tally.stats.rays_again += 1;
-                }
+    vectorize!(simd, {
+        for i in 0..wave.rays.count {
+            let stays = wave.hits.get(i).is_none_or(|hit| {
+                // With `ANY` a hit comes without the place.
+                if ANY { mesh.material(hit.primitive).cutoff.is_none() } else { mesh.is_there(&hit) }
+            });
+            if !stays {
+                let (Scene { bvh, triangles, .. }, t_max) = (scene, wave.rays.t_max);
+                let (ray, counts) = (wave.rays.ray(i), |hit: &Hit| mesh.is_there(hit));
+                let hit = pick::hit::<S, T, ANY>(simd, bvh, triangles, &ray, t_max, &mut tally.work, counts);
+                wave.hits.set(i, hit);
+                tally.stats.rays_again += 1;
             }
-        },
-    );
+        }
+    });
 }
 
 /// Traces a wave as if there were no holes.

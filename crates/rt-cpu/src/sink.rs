@@ -7,7 +7,7 @@ use crate::Pixel;
 use crate::bundle::{Hits, RAYS, set};
 use crate::cast::{Frame, TILE, Tile};
 use crate::shade::Shader;
-use crate::simd::load;
+use crate::simd::{load, vectorize};
 use crate::times::Tally;
 use crate::wavefront::Wavefront;
 use crate::wide::WideTest;
@@ -38,18 +38,12 @@ impl Look<'_> {
         match self {
             Self::Hits => {}
             &Self::Nodes { most } => heat_map(tile, most),
-            Self::Direct(shader) => simd.vectorize(
-                #[inline(always)]
-                || {
-                    tile.appearance.open[..tile.seen.rays.count].fill(1.0);
-                    shader.find_appearance(tile, tally);
-                    shader.shade(simd, tile);
-                },
-            ),
-            Self::Effects(effects) => simd.vectorize(
-                #[inline(always)]
-                || effects.follow::<S, T>(simd, frame, tile, tally),
-            ),
+            Self::Direct(shader) => vectorize!(simd, {
+                tile.appearance.open[..tile.seen.rays.count].fill(1.0);
+                shader.find_appearance(tile, tally);
+                shader.shade(simd, tile);
+            }),
+            Self::Effects(effects) => vectorize!(simd, effects.follow::<S, T>(simd, frame, tile, tally)),
         }
     }
 }

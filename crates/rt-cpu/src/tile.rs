@@ -37,7 +37,7 @@ use self::packet::Packet;
 use crate::bundle::{Bundle, Hits, PACKET};
 use crate::frustum::{Frame, Frustum, Sides};
 use crate::scene::Scene;
-use crate::simd::{bits, load, load3, max, min};
+use crate::simd::{bits, load, load3, max, min, vectorize};
 use crate::wide::{RayOctant, WideTest};
 
 /// Rays that share a cut: those of 32 x 32 pixels.
@@ -197,10 +197,7 @@ fn trace_packet<S: Simd, T: WideTest, const ANY: bool>(
             return;
         }
         let root = scratch.cut.node[i];
-        simd.vectorize(
-            #[inline(always)]
-            || walk::walk::<S, T, ANY>(context, root, mask, scratch),
-        );
+        vectorize!(simd, walk::walk::<S, T, ANY>(context, root, mask, scratch));
         if !ANY && !scratch.packet.some_see_nothing(mask) {
             farthest = scratch.packet.farthest(simd, mask);
         }

@@ -26,6 +26,7 @@ use crate::options::{AmbientOcclusion, DiffuseBounces, Effects};
 use crate::random::{Stream, cosine_direction};
 use crate::scene::{Scene, Work};
 use crate::shade::Shader;
+use crate::simd::vectorize;
 use crate::times::Tally;
 use crate::wide::WideTest;
 
@@ -142,13 +143,12 @@ impl Wavefront<'_> {
     ) -> Option<Hit> {
         let Scene { bvh, triangles, .. } = frame.scene;
         let counts = |hit: &Hit| frame.alpha_cutouts.is_none_or(|mesh| mesh.is_there(hit));
-        simd.vectorize(
-            #[inline(always)]
-            || match self.wide {
+        vectorize!(simd, {
+            match self.wide {
                 Some(wide) => bvh8::hit::<S, T, ANY>(simd, wide, ray, t_max, work, counts),
                 None => pick::hit::<S, T, ANY>(simd, bvh, triangles, ray, t_max, work, counts),
-            },
-        )
+            }
+        })
     }
 
     /// Finds out how much of the sky is open above what a wave hit.

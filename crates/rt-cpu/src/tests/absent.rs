@@ -10,6 +10,7 @@ use super::*;
 use crate::cast::Tile;
 use crate::random;
 use crate::shade::Shader;
+use crate::simd::vectorize;
 use crate::tile;
 use crate::times::Tally;
 use crate::wide::WideTest;
@@ -25,40 +26,34 @@ fn see<S: Simd, T: WideTest>(
     corner: (u32, u32),
 ) -> bool {
     let Tile { size, columns, rows, seen, surfaces, scratch, .. } = tile;
-    simd.vectorize(
-        #[inline(always)]
-        || {
-            seen.rays.start(camera.eye, f32::INFINITY);
-            seen.rays.count = size.0 * size.1;
-            let places = (&*columns, &*rows);
-            camera.directions(simd, corner, random::in_pixel(0), places, &mut seen.rays.direction);
-            let Wave { rays, hits, .. } = seen;
-            tile::trace::<S, T, false>(simd, scene, rays, hits, scratch);
-            seen.end();
-            let any = seen.hits.primitive[..seen.rays.count].iter().any(|&p| p != Hits::NONE);
-            if any {
-                surfaces.find(simd, scene.triangles, seen);
-            }
-            any
-        },
-    )
+    vectorize!(simd, {
+        seen.rays.start(camera.eye, f32::INFINITY);
+        seen.rays.count = size.0 * size.1;
+        let places = (&*columns, &*rows);
+        camera.directions(simd, corner, random::in_pixel(0), places, &mut seen.rays.direction);
+        let Wave { rays, hits, .. } = seen;
+        tile::trace::<S, T, false>(simd, scene, rays, hits, scratch);
+        seen.end();
+        let any = seen.hits.primitive[..seen.rays.count].iter().any(|&p| p != Hits::NONE);
+        if any {
+            surfaces.find(simd, scene.triangles, seen);
+        }
+        any
+    })
 }
 
 #[inline(never)]
 fn shine<S: Simd, T: WideTest>(simd: S, tile: &mut Tile, scene: Scene<'_>, light: Vec3) {
     let Tile { seen, surfaces, shadow, whose, lit, scratch, .. } = tile;
-    simd.vectorize(
-        #[inline(always)]
-        || {
-            shadow.rays.start(light, 1.0);
-            surfaces.shadow_rays(simd, &seen.hits, seen.rays.count, &mut shadow.rays, whose);
-            let Wave { rays, hits, .. } = shadow;
-            tile::trace::<S, T, true>(simd, scene, rays, hits, scratch);
-            for (&blocked, &i) in hits.primitive.iter().zip(&whose[..rays.count]) {
-                lit[i as usize] = if blocked == Hits::NONE { 1.0 } else { 0.0 };
-            }
-        },
-    );
+    vectorize!(simd, {
+        shadow.rays.start(light, 1.0);
+        surfaces.shadow_rays(simd, &seen.hits, seen.rays.count, &mut shadow.rays, whose);
+        let Wave { rays, hits, .. } = shadow;
+        tile::trace::<S, T, true>(simd, scene, rays, hits, scratch);
+        for (&blocked, &i) in hits.primitive.iter().zip(&whose[..rays.count]) {
+            lit[i as usize] = if blocked == Hits::NONE { 1.0 } else { 0.0 };
+        }
+    });
 }
 
 #[inline(never)]
@@ -82,14 +77,11 @@ fn by_hand<S: Simd, T: WideTest>(
             if any {
                 shine::<S, T>(simd, tile, scene, light.position);
             }
-            simd.vectorize(
-                #[inline(always)]
-                || {
-                    tile.appearance.open.fill(1.0);
-                    shader.find_appearance(tile, &mut Tally::default());
-                    shader.shade(simd, tile);
-                },
-            );
+            vectorize!(simd, {
+                tile.appearance.open.fill(1.0);
+                shader.find_appearance(tile, &mut Tally::default());
+                shader.shade(simd, tile);
+            });
             let [r, g, b] = &tile.colors;
             for i in 0..tile.seen.rays.count {
                 let pixel = (y + tile.rows[i] as usize) * width + x + tile.columns[i] as usize;

@@ -12,7 +12,7 @@ use super::{Context, Scratch};
 use crate::bundle::PACKET;
 use crate::frustum::Sides;
 use crate::scene::Scene;
-use crate::simd::{bits, load, load3};
+use crate::simd::{bits, load, load3, vectorize};
 use crate::wide::{RayOctant, Slab, V, WideTest};
 
 /// Inner nodes of a subtree that rays of several groups visit before the packet's frustum is tested,
@@ -181,18 +181,15 @@ fn enter_met<S: Simd>(
     mask: u64,
 ) -> [u64; 2] {
     let sides = frustum.map(|(frame, frustum)| sides.get_or_init(|| Sides::new(frame, frustum)));
-    simd.vectorize(
-        #[inline(always)]
-        || {
-            let met = if let Some(sides) = sides { sides.meet(simd, siblings) } else { 0b11 };
-            let mut entered = [0; 2];
-            for side in bits(met) {
-                let node = std::array::from_ref(&siblings[side]);
-                [entered[side]] = enter(simd, packet, node, octant, mask);
-            }
-            entered
-        },
-    )
+    vectorize!(simd, {
+        let met = if let Some(sides) = sides { sides.meet(simd, siblings) } else { 0b11 };
+        let mut entered = [0; 2];
+        for side in bits(met) {
+            let node = std::array::from_ref(&siblings[side]);
+            [entered[side]] = enter(simd, packet, node, octant, mask);
+        }
+        entered
+    })
 }
 
 /// Walks the subtree at an inner node with rays of the group at `at`, all of which enter it.
