@@ -22,7 +22,7 @@ use fearless_simd::{Simd, f32x8};
 use crate::simd::{Lanes, load, max, min};
 use crate::wide::V;
 
-/// The axis z that all rays of a bundle follow, and the origin.
+/// The axis z that all rays of a wave follow, and the origin.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Frame {
     origin: Vec3,

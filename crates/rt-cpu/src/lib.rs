@@ -28,7 +28,6 @@
 
 #![forbid(unsafe_code)]
 
-mod bundle;
 mod bvh8;
 mod camera;
 mod cast;
@@ -49,6 +48,7 @@ mod surface;
 mod texture;
 mod tile;
 mod times;
+mod wave;
 mod wavefront;
 mod wide;
 

@@ -27,14 +27,13 @@ fn see<S: Simd, T: WideTest>(
 ) -> bool {
     let Tile { size, columns, rows, seen, surfaces, scratch, .. } = tile;
     vectorize!(simd, {
-        seen.rays.start(camera.eye, f32::INFINITY);
-        seen.rays.count = size.0 * size.1;
+        seen.start(camera.eye, f32::INFINITY);
+        seen.count = size.0 * size.1;
         let places = (&*columns, &*rows);
-        camera.directions(simd, corner, random::in_pixel(0), places, &mut seen.rays.direction);
-        let Wave { rays, hits, .. } = seen;
-        tile::trace::<S, T, false>(simd, scene, rays, hits, scratch);
+        camera.directions(simd, corner, random::in_pixel(0), places, &mut seen.direction);
+        tile::trace::<S, T, false>(simd, scene, seen, scratch);
         seen.end();
-        let any = seen.hits.primitive[..seen.rays.count].iter().any(|&p| p != Hits::NONE);
+        let any = seen.primitive[..seen.count].iter().any(|&p| p != Wave::NO_HIT);
         if any {
             surfaces.find(simd, scene.triangles, seen);
         }
@@ -46,12 +45,11 @@ fn see<S: Simd, T: WideTest>(
 fn shine<S: Simd, T: WideTest>(simd: S, tile: &mut Tile, scene: Scene<'_>, light: Vec3) {
     let Tile { seen, surfaces, shadow, whose, lit, scratch, .. } = tile;
     vectorize!(simd, {
-        shadow.rays.start(light, 1.0);
-        surfaces.shadow_rays(simd, &seen.hits, seen.rays.count, &mut shadow.rays, whose);
-        let Wave { rays, hits, .. } = shadow;
-        tile::trace::<S, T, true>(simd, scene, rays, hits, scratch);
-        for (&blocked, &i) in hits.primitive.iter().zip(&whose[..rays.count]) {
-            lit[i as usize] = if blocked == Hits::NONE { 1.0 } else { 0.0 };
+        shadow.start(light, 1.0);
+        surfaces.shadow_rays(simd, seen, shadow, whose);
+        tile::trace::<S, T, true>(simd, scene, shadow, scratch);
+        for (&blocked, &i) in shadow.primitive.iter().zip(&whose[..shadow.count]) {
+            lit[i as usize] = if blocked == Wave::NO_HIT { 1.0 } else { 0.0 };
         }
     });
 }
@@ -73,7 +71,7 @@ fn by_hand<S: Simd, T: WideTest>(
         for x in (0..width).step_by(TILE) {
             tile.resize(TILE.min(width - x), TILE.min(height - y));
             let any = see::<S, T>(simd, tile, scene, camera, (x as u32, y as u32));
-            tile.lit[..tile.seen.rays.count].fill(0.0);
+            tile.lit[..tile.seen.count].fill(0.0);
             if any {
                 shine::<S, T>(simd, tile, scene, light.position);
             }
@@ -83,7 +81,7 @@ fn by_hand<S: Simd, T: WideTest>(
                 shader.shade(simd, tile);
             });
             let [r, g, b] = &tile.colors;
-            for i in 0..tile.seen.rays.count {
+            for i in 0..tile.seen.count {
                 let pixel = (y + tile.rows[i] as usize) * width + x + tile.columns[i] as usize;
                 image.pixels_mut()[pixel] = [r[i], g[i], b[i]];
             }

@@ -530,9 +530,9 @@ fn rays_pass_holes_as_the_rule_says() {
                 assert!(tally.stats.rays_again > 100);
                 for (i, truth) in truth.iter().enumerate() {
                     if any {
-                        assert_eq!(wave.hits.get(i).is_some(), truth.is_some());
+                        assert_eq!(wave.hit(i).is_some(), truth.is_some());
                     } else {
-                        assert_eq!(bits(wave.hits.get(i)), bits(*truth));
+                        assert_eq!(bits(wave.hit(i)), bits(*truth));
                     }
                 }
             }

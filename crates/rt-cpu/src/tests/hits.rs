@@ -66,7 +66,7 @@ fn check_packets_in(trees: &[&Bvh], soup: &Soup, origin: Vec3, targets: &[Vec3],
                             }
                         }));
                         for (i, truth) in truth.iter().enumerate() {
-                            let hit = wave.hits.get(i);
+                            let hit = wave.hit(i);
                             let way = (test, options.traversal, options.simd, rays[i]);
                             if any {
                                 assert_eq!(hit.is_some(), truth.is_some(), "{way:?}");

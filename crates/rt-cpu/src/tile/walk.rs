@@ -9,10 +9,10 @@ use fearless_simd::prelude::*;
 use super::leaf::test_leaf;
 use super::packet::{GROUP, Packet};
 use super::{Context, Scratch};
-use crate::bundle::PACKET;
 use crate::frustum::Sides;
 use crate::scene::Scene;
 use crate::simd::{bits, load, load3, vectorize};
+use crate::wave::PACKET;
 use crate::wide::{RayOctant, Slab, V, WideTest};
 
 /// Inner nodes of a subtree that rays of several groups visit before the packet's frustum is tested,
