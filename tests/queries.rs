@@ -137,13 +137,13 @@ proptest! {
 }
 
 #[test]
-fn few_nodes_are_visited_and_their_numbers_add_up() {
+fn few_nodes_are_visited() {
     let corner = |i: u32| Vec3::new((i % 100) as f32, (i / 100) as f32, 0.0);
     let boxes: Vec<_> = (0..10_000).map(|i| Aabb::new(corner(i), corner(i) + 0.5)).collect();
     let bvh = build(&boxes, Builder::Binned).expect("few enough");
     let queries = (0..50).map(|i| overlapping(&bvh, &boxes, &boxes[i * 200], usize::MAX).1);
-    let visits: Visits = queries.sum();
-    assert!(visits.queries == 50 && visits.nodes > 50 * 8 && visits.nodes < 50 * 40, "{visits:?}");
+    let (queries, nodes) = queries.fold((0, 0), |sum, v| (sum.0 + v.queries, sum.1 + v.nodes));
+    assert!(queries == 50 && nodes > 50 * 8 && nodes < 50 * 40, "{queries} queries, {nodes} nodes");
     let point = Vec3::new(50.2, 50.2, 3.0);
     let (nearest, visits) =
         bvh.nearest(f32::INFINITY, |b| b.distance_squared(point), |p, _| boxes[p].distance_squared(point));

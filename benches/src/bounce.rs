@@ -20,7 +20,7 @@ pub fn bounces(camera: &Camera, triangles: &Triangles<'_>, pixels: &[Pixel], see
         let [a, b, c] = triangles.corners(hit.primitive as usize);
         let (ab, ac) = (b - a, c - a);
         let Some(face) = ab.cross(ac).try_normalize() else { continue };
-        let width = camera.width() as usize;
+        let width = camera.width as usize;
         let seen = camera.ray((i % width) as u32, (i / width) as u32).direction();
         let normal = if face.dot(seen) > 0.0 { -face } else { face };
         let point = a + ab * hit.u + ac * hit.v;

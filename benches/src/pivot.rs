@@ -179,7 +179,7 @@ pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
                 mesh: Mesh::new(triangles),
                 tree: Bvh::default(),
                 updater: Updater::default(),
-                wide: Bvh8::new(),
+                wide: Bvh8::default(),
                 visited: AtomicU64::default(),
             }))
         }));

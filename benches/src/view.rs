@@ -52,7 +52,7 @@ struct Picture<'a, C: ?Sized> {
 
 fn in_bands<C: Contestant + ?Sized>(picture: &Picture<'_, C>, pixels: &mut [Pixel]) {
     let camera = &picture.view.camera;
-    let (width, height) = (camera.width() as usize, camera.height() as usize);
+    let (width, height) = (camera.width as usize, camera.height as usize);
     assert_eq!(pixels.len(), width * height, "pixels of the camera");
     let level = Level::new();
     pixels.par_chunks_mut((width * TILE).max(1)).enumerate().for_each(|(row, band)| {
@@ -89,7 +89,7 @@ impl Tile {
         C: Contestant + ?Sized,
     {
         let Picture { view, triangles, source } = picture;
-        let width = view.camera.width() as usize;
+        let width = view.camera.width as usize;
         self.primary_rays(view, band.len(), x, y);
         let band_start = y * width;
         let primary = self.rays.len();
@@ -146,7 +146,7 @@ impl Tile {
     /// The primary rays of the part of the tile at `x`, `y` that is within the picture.
     #[inline(always)]
     fn primary_rays(&mut self, view: &View, pixels: usize, x: usize, y: usize) {
-        let width = view.camera.width() as usize;
+        let width = view.camera.width as usize;
         let (columns, rows) = (&CURVE[0], &CURVE[1]);
         let mut count = RAYS;
         let (mut across, mut along) = ([0.0; RAYS], [0.0; RAYS]);
@@ -168,8 +168,7 @@ impl Tile {
                 }
             }
         }
-        let [corner, right, down] = view.camera.image_plane();
-        let eye = view.camera.eye();
+        let Camera { eye, corner, right, down, .. } = view.camera;
         for axis in 0..3 {
             for i in 0..RAYS {
                 self.rays.direction[axis][i] = corner[axis] + right[axis] * across[i] + down[axis] * along[i];

@@ -208,7 +208,7 @@ impl Picture {
         let camera = stage.camera(self.image.width(), self.image.height());
         let looks = options.effects.ambient_occlusion.is_some() || options.effects.diffuse_bounces.is_some();
         let wide = (samples > 1 && looks).then(|| {
-            let mut wide = Bvh8::new();
+            let mut wide = Bvh8::default();
             wide.update(tree, &mesh.triangles);
             wide
         });

@@ -137,7 +137,7 @@ fn target(bvh: &Bvh, triangles: &Triangles<'_>, i: usize) -> (Vec3, Vec3) {
 fn check_rays(bvh: &Bvh, triangles: &Triangles<'_>, name: &str) -> usize {
     let mut hits = 0;
     let (center, extent) = bounds(bvh);
-    let mut wide = Bvh8::new();
+    let mut wide = Bvh8::default();
     wide.update(bvh, triangles);
     for i in 0..24 {
         let from = center + (noise(5, i) - 0.5) * extent * [3.0, 0.9][i % 2];
@@ -156,7 +156,7 @@ fn check_rays(bvh: &Bvh, triangles: &Triangles<'_>, name: &str) -> usize {
                 let brute = rt_cpu::closest_hit_brute(triangles, &ray, t_max, test);
                 assert_eq!(found, brute, "{name}, {}: ray {i} from {from} along {along}", test.name());
                 let any = rt_cpu::any_hit(bvh, triangles, &ray, t_max, test);
-                assert_eq!(any, rt_cpu::any_hit_brute(triangles, &ray, t_max, test), "{name}: any, ray {i}");
+                assert_eq!(any, brute.is_some(), "{name}: any, ray {i}");
                 assert_eq!(wide.closest_hit(&ray, t_max, test), brute, "{name}: wide, ray {i} from {from}");
                 assert_eq!(wide.any_hit(&ray, t_max, test), any, "{name}: wide, any, ray {i}");
                 if let Some(hit) = found {

@@ -3,7 +3,7 @@
 use bvh_build::{Builder, build};
 use bvh_core::glam::Vec3Swizzles;
 use bvh_core::{Bvh, Ray, Triangles, Vec3};
-use rt_cpu::{Bvh8, TriangleTest, any_hit, any_hit_brute, closest_hit, closest_hit_brute};
+use rt_cpu::{Bvh8, TriangleTest, any_hit, closest_hit, closest_hit_brute};
 
 /// A checked floor of 2 x 20 x 20 triangles at z = 0.
 fn floor() -> (Vec<Vec3>, Vec<[u32; 3]>) {
@@ -34,11 +34,10 @@ fn cast(bvh: &Bvh, triangles: &Triangles<'_>, ray: &Ray, t_max: f32, test: Trian
         test.name()
     );
     assert_eq!(any_hit(bvh, triangles, ray, t_max, test), found.is_some());
-    let mut wide = Bvh8::new();
+    let mut wide = Bvh8::default();
     wide.update(bvh, triangles);
     assert_eq!(wide.closest_hit(ray, t_max, test), found, "{ray:?} up to {t_max}, {}", test.name());
     assert_eq!(wide.any_hit(ray, t_max, test), found.is_some());
-    assert_eq!(any_hit_brute(triangles, ray, t_max, test), found.is_some());
     found.map(|hit| hit.t)
 }
 

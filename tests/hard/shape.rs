@@ -44,7 +44,7 @@ fn a_hundred_thousand_identical_primitives() {
     let (positions, moved) = ([Vec3::ZERO, Vec3::X, Vec3::Y], [Vec3::Z, Vec3::ONE, Vec3::new(0.0, 2.0, 1.0)]);
     let indices = vec![[0, 1, 2]; N];
     let [start, end] = [&positions, &moved].map(|positions| Triangles { positions, indices: &indices });
-    let (mut updater, mut wide) = (Updater::default(), Bvh8::new());
+    let (mut updater, mut wide) = (Updater::default(), Bvh8::default());
     let down = Ray::new(Vec3::new(0.2, 1.0, 3.0), Vec3::NEG_Z);
     for strategy in Strategy::all() {
         let builder = if let Strategy::Rebuild(builder, _) = strategy { builder } else { Builder::Binned };
@@ -66,7 +66,7 @@ fn a_hundred_thousand_identical_primitives() {
 #[test]
 fn none_then_some_then_none_in_the_same_memory() {
     let (mut bvh, mut build_memory) = (Bvh::default(), BuildScratch::default());
-    let (mut updater, mut wide) = (Updater::default(), Bvh8::new());
+    let (mut updater, mut wide) = (Updater::default(), Bvh8::default());
     let down = Ray::new(Vec3::new(4.0, 6.0, 20.0), Vec3::new(0.01, 0.02, -1.0));
     for strategy in Strategy::all() {
         let mut hits = 0;

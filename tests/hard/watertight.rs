@@ -60,7 +60,7 @@ fn leaks(offset: f32, strategy: Strategy, test: TriangleTest, rays: usize) -> us
     let (positions, _) = ball(offset, 1.0);
     let mesh = Triangles { positions: &positions, indices: &triangles };
     Updater::new(strategy).update(&mut bvh, &mesh).expect("same count");
-    let mut wide = Bvh8::new();
+    let mut wide = Bvh8::default();
     wide.update(&bvh, &mesh);
     let leaves = |i: &usize| {
         let random = noise(3, *i);

@@ -33,7 +33,7 @@ pub fn play_bytes(bytes: &[u8]) {
     let mut twin = bvh.clone();
     let mut updaters =
         [SimdLevel::best(), SimdLevel::Baseline].map(|level| Updater::with_level(Strategy::default(), level));
-    let mut wide = Bvh8::new();
+    let mut wide = Bvh8::default();
     let mut moving = vec![true; n];
     // What comes from the background comes when it likes, and could not be played again.
     let mut strategies: Vec<_> =

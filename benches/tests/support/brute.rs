@@ -1,7 +1,7 @@
 //! The oracle: every ray against every triangle.
 
 use bvh_core::{Triangles, Vec3};
-use rt_cpu::{TriangleTest, any_hit_brute, closest_hit_brute};
+use rt_cpu::{TriangleTest, closest_hit_brute};
 
 use pivot_benches::{Contestant, Failure, Hits, RAYS, Rays};
 
@@ -38,7 +38,8 @@ impl Contestant for Brute {
     fn occluded(&self, rays: &Rays, blocked: &mut [bool; RAYS]) {
         let triangles = self.triangles();
         for (i, blocked) in blocked[..rays.len()].iter_mut().enumerate() {
-            *blocked = any_hit_brute(&triangles, &rays.ray(i), rays.t_max[i], TriangleTest::default());
+            let hit = closest_hit_brute(&triangles, &rays.ray(i), rays.t_max[i], TriangleTest::default());
+            *blocked = hit.is_some();
         }
     }
 

@@ -154,12 +154,6 @@ impl Aabb {
     }
 }
 
-impl Default for Aabb {
-    fn default() -> Self {
-        Self::EMPTY
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -79,9 +79,7 @@ pub use glam::Vec3;
 pub use hit::Hit;
 pub use named::UnknownName;
 pub use node::{MAX_LEAF_SIZE, Node};
-pub use pick::{
-    any_hit, any_hit_brute, any_hit_counted, closest_hit, closest_hit_brute, closest_hit_counted,
-};
+pub use pick::{any_hit, any_hit_counted, closest_hit, closest_hit_brute, closest_hit_counted};
 pub use prefetch::{prefetch, prefetch_at};
 pub use primitives::{Primitives, Triangles};
 pub use query::Visits;

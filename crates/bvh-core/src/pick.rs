@@ -106,12 +106,6 @@ pub fn closest_hit_brute(
     })
 }
 
-/// As [`any_hit`], by testing every triangle. O(n).
-#[must_use]
-pub fn any_hit_brute(triangles: &Triangles<'_>, ray: &Ray, t_max: f32, test: TriangleTest) -> bool {
-    closest_hit_brute(triangles, ray, t_max, test).is_some()
-}
-
 /// Finds a hit that `counts` is true for: the first one met if `ANY`, else the closest.
 #[inline(always)]
 pub fn hit<S: Simd, T: Test, const ANY: bool>(

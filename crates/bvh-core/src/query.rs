@@ -1,7 +1,6 @@
 //! Queries through closures: overlapping boxes, overlapping pairs, rays, nearest primitive.
 
-use std::iter::Sum;
-use std::ops::{AddAssign, ControlFlow};
+use std::ops::ControlFlow;
 
 use crate::{Aabb, Bvh, MAX_HEIGHT, Node, Primitives, Ray};
 
@@ -17,23 +16,6 @@ pub struct Visits {
     pub nodes: u64,
     /// Primitives tested by them.
     pub primitives: u64,
-}
-
-impl AddAssign for Visits {
-    fn add_assign(&mut self, other: Self) {
-        self.queries += other.queries;
-        self.nodes += other.nodes;
-        self.primitives += other.primitives;
-    }
-}
-
-impl Sum for Visits {
-    fn sum<I: Iterator<Item = Self>>(visits: I) -> Self {
-        visits.fold(Self::default(), |mut sum, one| {
-            sum += one;
-            sum
-        })
-    }
 }
 
 impl Bvh {
@@ -68,32 +50,17 @@ impl Bvh {
         query: &Aabb,
         mut found: impl FnMut(usize) -> ControlFlow<()>,
     ) -> Visits {
-        let nodes = self.nodes();
-        let mut visits = Visits { queries: 1, ..Visits::default() };
-        let mut stack = [0; STACK];
-        let mut top = 1;
-        while top > 0 {
-            top -= 1;
-            let node = &nodes[stack[top] as usize];
-            if !node.aabb().overlaps(query) {
-                continue;
+        // No distances: neither box is nearer, and the limit stays.
+        let enters = |aabb: &Aabb, _| aabb.overlaps(query).then_some(0.0);
+        let test = |leaf: &Node, p, limit| {
+            let overlaps = leaf.count() == 1 || primitives.aabb(p).overlaps(query);
+            if overlaps && found(p).is_break() {
+                ControlFlow::Break(limit)
+            } else {
+                ControlFlow::Continue(limit)
             }
-            if !node.is_leaf() {
-                visits.nodes += 1;
-                stack[top] = node.first() as u32 + 1;
-                stack[top + 1] = node.first() as u32;
-                top += 2;
-                continue;
-            }
-            for p in self.primitives(node).iter().map(|&p| p as usize) {
-                visits.primitives += 1;
-                let overlaps = node.count() == 1 || primitives.aabb(p).overlaps(query);
-                if overlaps && found(p).is_break() {
-                    return visits;
-                }
-            }
-        }
-        visits
+        };
+        self.walk_nearest_first(0.0, enters, 1.0, test).1
     }
 
     /// Calls `found` once with each pair of different primitives whose boxes overlap (touching
@@ -218,7 +185,7 @@ impl Bvh {
         t_max: f32,
         mut test: impl FnMut(usize, f32) -> ControlFlow<f32, f32>,
     ) -> (f32, Visits) {
-        let test = |p, t_max| match test(p, t_max) {
+        let test = |_: &Node, p, t_max| match test(p, t_max) {
             ControlFlow::Continue(t) if t.is_nan() || t < 0.0 => ControlFlow::Break(t),
             next => next,
         };
@@ -257,7 +224,7 @@ impl Bvh {
     ) -> (Option<(usize, f32)>, Visits) {
         let mut nearest = None;
         let enters = |aabb: &Aabb, max| Some(to_box(aabb)).filter(|&distance| distance < max);
-        let (_, visits) = self.walk_nearest_first(max, enters, 1.0, |p, max| {
+        let (_, visits) = self.walk_nearest_first(max, enters, 1.0, |_, p, max| {
             let distance = to_primitive(p, max);
             if distance < max {
                 nearest = Some((p, distance));
@@ -267,16 +234,16 @@ impl Bvh {
         (nearest, visits)
     }
 
-    /// Calls `test` with the primitives of each leaf whose box `enters` below the limit that `test`
-    /// gave last, near boxes first. A node waits on the stack until its entry exceeds `widen`
-    /// limits.
+    /// Calls `test` with each leaf whose box `enters` below the limit that `test` gave last and each
+    /// primitive in it: near boxes first, and the left one of two equally near. A node waits on the
+    /// stack until its entry exceeds `widen` limits.
     #[inline]
     fn walk_nearest_first(
         &self,
         mut limit: f32,
         enters: impl Fn(&Aabb, f32) -> Option<f32>,
         widen: f32,
-        mut test: impl FnMut(usize, f32) -> ControlFlow<f32, f32>,
+        mut test: impl FnMut(&Node, usize, f32) -> ControlFlow<f32, f32>,
     ) -> (f32, Visits) {
         let nodes = self.nodes();
         let mut visits = Visits { queries: 1, ..Visits::default() };
@@ -290,7 +257,7 @@ impl Bvh {
             } else if node.is_leaf() {
                 for &p in self.primitives(node) {
                     visits.primitives += 1;
-                    match test(p as usize, limit) {
+                    match test(node, p as usize, limit) {
                         ControlFlow::Continue(t) => limit = t,
                         ControlFlow::Break(t) => return (t, visits),
                     }

@@ -218,19 +218,14 @@ fn weigh(x: [f64; 3], y: [f64; 3], z: [f64; 3]) -> Option<Found> {
 #[macro_export]
 macro_rules! with_test {
     ($which:expr, $test:ident => $body:expr) => {
+        $crate::with_test!($which, $test => $body; MollerTrumbore, Watertight, Double)
+    };
+    ($which:expr, $test:ident => $body:expr; $($name:ident),+) => {
         match $which {
-            $crate::TriangleTest::MollerTrumbore => {
-                type $test = $crate::triangle::MollerTrumbore;
+            $($crate::TriangleTest::$name => {
+                type $test = $crate::triangle::$name;
                 $body
-            }
-            $crate::TriangleTest::Watertight => {
-                type $test = $crate::triangle::Watertight;
-                $body
-            }
-            $crate::TriangleTest::Double => {
-                type $test = $crate::triangle::Double;
-                $body
-            }
+            })+
         }
     };
 }

@@ -19,6 +19,7 @@ mod collapse;
 mod walk;
 
 use bvh_core::{Aabb, Bvh, Ray, SimdLevel, Triangles};
+use bytemuck::{Pod, Zeroable};
 use fearless_simd::Level;
 use rayon::prelude::*;
 
@@ -49,7 +50,7 @@ const WIDTH: usize = 8;
 /// let triangles = Triangles { positions: &positions, indices: &[[0, 1, 2]] };
 /// # let node = bvh_core::Node::leaf(bvh_core::Aabb::new(Vec3::ZERO, Vec3::new(1.0, 1.0, 0.0)), 0, 1);
 /// # let bvh = Bvh::new(&[node, bvh_core::Node::NOTHING], vec![0]).unwrap();
-/// let mut wide = Bvh8::new();
+/// let mut wide = Bvh8::default();
 /// wide.update(&bvh, &triangles);
 /// let ray = Ray::new(Vec3::new(0.2, 0.2, 1.0), -Vec3::Z);
 /// let hit = wide.closest_hit(&ray, f32::INFINITY, TriangleTest::Watertight);
@@ -58,8 +59,8 @@ const WIDTH: usize = 8;
 #[derive(Debug)]
 pub struct Bvh8 {
     level: Level,
-    nodes: Vec<Node8>,
-    blocks: Vec<Block>,
+    pub(crate) nodes: Vec<Node8>,
+    pub(crate) blocks: Vec<Block>,
     plans: Vec<Plan>,
     /// How many there are that a hit can be of.
     pub(crate) triangles: usize,
@@ -75,8 +76,8 @@ pub struct Bvh8 {
 ///     7    unused, so that a node is four cache lines
 /// ```
 #[repr(C, align(64))]
-#[derive(Clone, Copy, Debug)]
-struct Node8([[f32; WIDTH]; 8]);
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub(crate) struct Node8([[f32; WIDTH]; 8]);
 
 /// Row of what is in the boxes.
 const CHILDREN: usize = 3;
@@ -102,12 +103,6 @@ impl Node8 {
 }
 
 impl Bvh8 {
-    /// A view of nothing.
-    #[must_use]
-    pub fn new() -> Self {
-        Self::with_level(SimdLevel::best())
-    }
-
     /// A view of nothing, whose rays use the instructions of `level`, or the best that the machine
     /// has if that is less. Every level finds the same hits.
     #[must_use]
@@ -155,17 +150,11 @@ impl Bvh8 {
         let all = (rays.par_iter(), t_max.par_iter(), hits.par_iter_mut()).into_par_iter();
         all.with_min_len(BATCH).for_each(|(ray, &t_max, hit)| *hit = self.closest_hit(ray, t_max, test));
     }
-
-    /// All of what rays see.
-    #[cfg(test)]
-    pub(crate) fn bytes(&self) -> Vec<u8> {
-        let nodes = self.nodes.iter().flat_map(|node| bytemuck::bytes_of(&node.0));
-        nodes.chain(self.blocks.iter().flat_map(Block::bytes)).copied().collect()
-    }
 }
 
 impl Default for Bvh8 {
+    /// A view of nothing.
     fn default() -> Self {
-        Self::new()
+        Self::with_level(SimdLevel::best())
     }
 }

@@ -7,16 +7,23 @@ use fearless_simd::prelude::*;
 use crate::simd::load;
 
 /// A pinhole camera over an image of `width` by `height` pixels.
+///
+/// The ray through the centre of pixel `x`, `y`, counted from the top left, goes from `eye` along
+/// `corner + right (x + 0.5) + down (y + 0.5)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
-    eye: Vec3,
-    /// Direction through the outer corner of the top left pixel.
-    corner: Vec3,
-    /// Change of direction from one pixel to the next, to the right and down.
-    right: Vec3,
-    down: Vec3,
-    width: u32,
-    height: u32,
+    /// Where it stands.
+    pub eye: Vec3,
+    /// Direction from the eye through the outer corner of the top left pixel.
+    pub corner: Vec3,
+    /// Change of direction from one pixel to the next on its right.
+    pub right: Vec3,
+    /// Change of direction from one pixel to the next below.
+    pub down: Vec3,
+    /// Pixels from left to right.
+    pub width: u32,
+    /// Pixels from top to bottom.
+    pub height: u32,
 }
 
 /// A vector of length 1 that points the same way, whatever the length of `v`: its square may be
@@ -47,20 +54,14 @@ impl Camera {
         Self { eye, corner, right, down, width, height }
     }
 
-    /// The ray through the centre of pixel `x`, `y`, counted from the top left. Its direction has
-    /// length 1 along the middle of the view, so that `t` is depth.
+    /// The ray through the centre of pixel `x`, `y`, counted from the top left. With
+    /// [`look_at`](Self::look_at) its direction has length 1 along the middle of the view, so that
+    /// `t` is depth.
     #[must_use]
     #[inline]
     pub fn ray(&self, x: u32, y: u32) -> Ray {
         let direction = self.corner + self.right * (x as f32 + 0.5) + self.down * (y as f32 + 0.5);
         Ray::new(self.eye, direction)
-    }
-
-    /// What directions are made of: the way from the eye to the upper left corner of the image, and
-    /// from there one pixel to the right, and one down.
-    #[must_use]
-    pub fn image_plane(&self) -> [Vec3; 3] {
-        [self.corner, self.right, self.down]
     }
 
     /// Sets the directions through the points `inside` pixels `left + columns[i]`, `top + rows[i]`;
@@ -83,24 +84,6 @@ impl Camera {
                 d.store_slice(&mut to[at..at + S::f32s::LEN]);
             }
         }
-    }
-
-    /// Where it stands.
-    #[must_use]
-    pub fn eye(&self) -> Vec3 {
-        self.eye
-    }
-
-    /// Pixels from left to right.
-    #[must_use]
-    pub fn width(&self) -> u32 {
-        self.width
-    }
-
-    /// Pixels from top to bottom.
-    #[must_use]
-    pub fn height(&self) -> u32 {
-        self.height
     }
 }
 

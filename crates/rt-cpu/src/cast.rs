@@ -5,15 +5,16 @@ use bvh_core::{Vec3, pick};
 use bytemuck::Zeroable;
 use fearless_simd::Simd;
 
-use crate::bundle::{Coordinates, Hits, RAYS, Wave};
 use crate::options::{RenderOptions, Traversal};
 use crate::packet;
 use crate::scene::Scene;
 use crate::shade::Appearance;
+use crate::simd::vectorize;
 use crate::sort::Sorter;
 use crate::surface::Surfaces;
 use crate::tile::{self, Scratch};
 use crate::times::Tally;
+use crate::wave::{Coordinates, RAYS, Wave};
 use crate::wide::WideTest;
 use crate::{Camera, Hit, Mesh, random};
 
@@ -93,24 +94,21 @@ pub(crate) fn cast_tile<S: Simd, T: WideTest>(
     tile: &mut Tile,
     tally: &mut Tally,
 ) {
-    simd.vectorize(
-        #[inline(always)]
-        || {
-            let Tile { corner, size, columns, rows, seen, surfaces, scratch, .. } = &mut *tile;
-            seen.rays.start(frame.camera.eye(), f32::INFINITY);
-            seen.rays.count = size.0 * size.1;
-            let inside = random::in_pixel(frame.options.sample);
-            frame.camera.directions(simd, *corner, inside, (columns, rows), &mut seen.rays.direction);
-            trace_past_holes::<S, T, false>(simd, frame, seen, scratch, tally);
-            let count = seen.rays.count;
-            tally.stats.rays_primary = count as u64;
-            let hits = seen.hits.primitive[..count].iter().filter(|&&p| p != Hits::NONE);
-            tally.stats.hits = hits.count() as u64;
-            if tally.stats.hits > 0 && (frame.shadows.is_some() || frame.shaded) {
-                surfaces.find(simd, frame.scene.triangles, seen);
-            }
-        },
-    );
+    vectorize!(simd, {
+        let Tile { corner, size, columns, rows, seen, surfaces, scratch, .. } = &mut *tile;
+        seen.start(frame.camera.eye, f32::INFINITY);
+        seen.count = size.0 * size.1;
+        let inside = random::in_pixel(frame.options.sample);
+        frame.camera.directions(simd, *corner, inside, (columns, rows), &mut seen.direction);
+        trace_past_holes::<S, T, false>(simd, frame, seen, scratch, tally);
+        let count = seen.count;
+        tally.stats.rays_primary = count as u64;
+        let hits = seen.primitive[..count].iter().filter(|&&p| p != Wave::NO_HIT);
+        tally.stats.hits = hits.count() as u64;
+        if tally.stats.hits > 0 && (frame.shadows.is_some() || frame.shaded) {
+            surfaces.find(simd, frame.scene.triangles, seen);
+        }
+    });
     light_arrives::<S, T>(simd, frame, tile, tally);
 }
 
@@ -123,30 +121,27 @@ pub(crate) fn light_arrives<S: Simd, T: WideTest>(
     tally: &mut Tally,
 ) {
     let Tile { surfaces, seen, shadow, sorter, whose, lit, scratch, .. } = tile;
-    let count = seen.rays.count;
+    let count = seen.count;
     lit[..count].fill(if frame.shadows.is_some() { 0.0 } else { 1.0 });
-    shadow.rays.count = 0;
-    let any_hits = || seen.hits.primitive[..count].iter().any(|&p| p != Hits::NONE);
+    shadow.count = 0;
+    let any_hits = || seen.primitive[..count].iter().any(|&p| p != Wave::NO_HIT);
     let Some(light) = frame.shadows.filter(|_| any_hits()) else { return };
     tally.end(|t| &mut t.primary);
-    simd.vectorize(
-        #[inline(always)]
-        || {
-            shadow.rays.start(light, 1.0);
-            surfaces.shadow_rays(simd, &seen.hits, count, &mut shadow.rays, whose);
-            if frame.options.traversal == Traversal::Tile {
-                sorter.sort_if_scattered(simd, &mut shadow.rays, whose);
-            }
-            trace_past_holes::<S, T, true>(simd, frame, shadow, scratch, tally);
-            let blocked = &shadow.hits.primitive[..shadow.rays.count];
-            tally.stats.rays_shadow += blocked.len() as u64;
-            for (&blocked, &i) in blocked.iter().zip(&*whose) {
-                let arrives = blocked == Hits::NONE;
-                lit[i as usize] = if arrives { 1.0 } else { 0.0 };
-                tally.stats.shadowed += u64::from(!arrives);
-            }
-        },
-    );
+    vectorize!(simd, {
+        shadow.start(light, 1.0);
+        surfaces.shadow_rays(simd, seen, shadow, whose);
+        if frame.options.traversal == Traversal::Tile {
+            sorter.sort_if_scattered(simd, shadow, whose);
+        }
+        trace_past_holes::<S, T, true>(simd, frame, shadow, scratch, tally);
+        let blocked = &shadow.primitive[..shadow.count];
+        tally.stats.rays_shadow += blocked.len() as u64;
+        for (&blocked, &i) in blocked.iter().zip(&*whose) {
+            let arrives = blocked == Wave::NO_HIT;
+            lit[i as usize] = if arrives { 1.0 } else { 0.0 };
+            tally.stats.shadowed += u64::from(!arrives);
+        }
+    });
     tally.end(|t| &mut t.shadow);
 }
 
@@ -180,25 +175,21 @@ pub(crate) fn see_through<S: Simd, T: Test, const ANY: bool>(
     wave: &mut Wave,
     tally: &mut Tally,
 ) {
-    simd.vectorize(
-        #[inline(always)]
-        || {
-            for i in 0..wave.rays.count {
-                let stays = wave.hits.get(i).is_none_or(|hit| {
-                    // With `ANY` a hit comes without the place.
-                    if ANY { mesh.material(hit.primitive).cutoff.is_none() } else { mesh.is_there(&hit) }
-                });
-                if !stays {
-                    let (Scene { bvh, triangles, .. }, t_max) = (scene, wave.rays.t_max);
-                    let (ray, counts) = (wave.rays.ray(i), |hit: &Hit| mesh.is_there(hit));
-                    let hit =
-                        pick::hit::<S, T, ANY>(simd, bvh, triangles, &ray, t_max, &mut tally.work, counts);
-                    wave.hits.set(i, hit);
-                    tally.stats.rays_again += 1;
-                }
+    vectorize!(simd, {
+        for i in 0..wave.count {
+            let stays = wave.hit(i).is_none_or(|hit| {
+                // With `ANY` a hit comes without the place.
+                if ANY { mesh.material(hit.primitive).cutoff.is_none() } else { mesh.is_there(&hit) }
+            });
+            if !stays {
+                let (Scene { bvh, triangles, .. }, t_max) = (scene, wave.t_max);
+                let (ray, counts) = (wave.ray(i), |hit: &Hit| mesh.is_there(hit));
+                let hit = pick::hit::<S, T, ANY>(simd, bvh, triangles, &ray, t_max, &mut tally.work, counts);
+                wave.set_hit(i, hit);
+                tally.stats.rays_again += 1;
             }
-        },
-    );
+        }
+    });
 }
 
 /// Traces a wave as if there were no holes.
@@ -211,20 +202,20 @@ pub(crate) fn trace<S: Simd, T: WideTest, const ANY: bool>(
     scratch: &mut Scratch,
     tally: &mut Tally,
 ) {
-    let (Wave { rays, hits, nodes }, work) = (&mut *wave, &mut tally.work);
+    let work = &mut tally.work;
     match traversal {
         Traversal::Tile => {
-            tile::trace::<S, T, ANY>(simd, scene, rays, hits, scratch);
+            tile::trace::<S, T, ANY>(simd, scene, wave, scratch);
             work.nodes += std::mem::take(&mut scratch.nodes);
         }
-        Traversal::Packet => packet::trace_all::<T, ANY>(scene, rays, hits, work),
+        Traversal::Packet => packet::trace_all::<T, ANY>(scene, wave, work),
         Traversal::Single => {
-            for (i, nodes) in nodes[..rays.count].iter_mut().enumerate() {
-                let (before, ray) = (work.nodes, rays.ray(i));
+            for i in 0..wave.count {
+                let (before, ray) = (work.nodes, wave.ray(i));
                 let Scene { bvh, triangles, .. } = scene;
-                let hit = pick::hit::<S, T, ANY>(simd, bvh, triangles, &ray, rays.t_max, work, |_| true);
-                hits.set(i, hit);
-                *nodes = (work.nodes - before) as u32;
+                let hit = pick::hit::<S, T, ANY>(simd, bvh, triangles, &ray, wave.t_max, work, |_| true);
+                wave.set_hit(i, hit);
+                wave.nodes[i] = (work.nodes - before) as u32;
             }
         }
     }

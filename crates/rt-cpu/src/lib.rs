@@ -28,7 +28,6 @@
 
 #![forbid(unsafe_code)]
 
-mod bundle;
 mod bvh8;
 mod camera;
 mod cast;
@@ -49,6 +48,7 @@ mod surface;
 mod texture;
 mod tile;
 mod times;
+mod wave;
 mod wavefront;
 mod wide;
 
@@ -57,8 +57,8 @@ mod tests;
 
 pub use bvh_core::glam::Vec2;
 pub use bvh_core::{
-    Bvh, Hit, Ray, SimdLevel, TriangleTest, Triangles, UnknownName, Vec3, any_hit, any_hit_brute,
-    closest_hit, closest_hit_brute,
+    Bvh, Hit, Ray, SimdLevel, TriangleTest, Triangles, UnknownName, Vec3, any_hit, closest_hit,
+    closest_hit_brute,
 };
 pub use bvh8::Bvh8;
 pub use camera::Camera;

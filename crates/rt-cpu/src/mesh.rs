@@ -26,12 +26,6 @@ impl Material {
         Self { color: [0.6; 3], opacity: 1.0, texture: None, cutoff: None, mirror: false };
 }
 
-impl Default for Material {
-    fn default() -> Self {
-        Self::DEFAULT
-    }
-}
-
 /// Triangles and how they look.
 #[derive(Clone, Copy, Debug)]
 pub struct Mesh<'a> {

@@ -19,22 +19,17 @@ use bvh_core::triangle::{Test, intersect};
 use bvh_core::{Aabb, MAX_HEIGHT, Ray, Vec3, slab};
 
 use crate::Hit;
-use crate::bundle::{Bundle, Hits, PACKET};
 use crate::scene::{Scene, Work};
+use crate::wave::{PACKET, Wave};
 
-/// Traces a bundle.
-pub(crate) fn trace_all<T: Test, const ANY: bool>(
-    scene: Scene<'_>,
-    rays: &Bundle,
-    hits: &mut Hits,
-    work: &mut Work,
-) {
-    for at in (0..rays.count).step_by(PACKET) {
-        let n = PACKET.min(rays.count - at);
-        let packet = std::array::from_fn(|i| rays.ray(at + i.min(n - 1)));
-        let t_max = std::array::from_fn(|i| if i < n { rays.t_max } else { -1.0 });
+/// Traces a wave.
+pub(crate) fn trace_all<T: Test, const ANY: bool>(scene: Scene<'_>, wave: &mut Wave, work: &mut Work) {
+    for at in (0..wave.count).step_by(PACKET) {
+        let n = PACKET.min(wave.count - at);
+        let packet = std::array::from_fn(|i| wave.ray(at + i.min(n - 1)));
+        let t_max = std::array::from_fn(|i| if i < n { wave.t_max } else { -1.0 });
         let found = trace::<T, ANY>(scene, &packet, t_max, work);
-        found[..n].iter().enumerate().for_each(|(i, &hit)| hits.set(at + i, hit));
+        found[..n].iter().enumerate().for_each(|(i, &hit)| wave.set_hit(at + i, hit));
     }
 }
 

@@ -50,8 +50,8 @@ pub fn render_with(
     options: &RenderOptions,
     image: &mut Image,
 ) -> RenderStats {
-    if (image.width(), image.height()) != (camera.width(), camera.height()) {
-        *image = Image::new(camera.width(), camera.height());
+    if (image.width(), image.height()) != (camera.width, camera.height) {
+        *image = Image::new(camera.width, camera.height);
     }
     if let Output::NodesVisited { most } = options.output {
         let options = RenderOptions { traversal: Traversal::Single, ..*options };
@@ -65,7 +65,7 @@ pub fn render_with(
     let smooth = options.smooth && mesh.normals.is_some();
     let Effects { textures, alpha, .. } = effects;
     let shader = Shader { mesh, light, smooth, textures };
-    let mut own = Bvh8::new();
+    let mut own = Bvh8::default();
     let direct_only = Effects { textures, alpha, ..Effects::default() };
     let look = if effects == direct_only {
         Look::Direct(shader)
@@ -113,7 +113,7 @@ fn called_for(effects: &Effects, mesh: &Mesh<'_>) -> Effects {
 fn calls_for_wide(effects: &Effects, camera: &Camera, bvh: &Bvh) -> bool {
     let of_hit = effects.ambient_occlusion.map_or(0, |a| u64::from(a.samples))
         + effects.diffuse_bounces.map_or(0, |d| u64::from(d.most));
-    let pixels = u64::from(camera.width()) * u64::from(camera.height());
+    let pixels = u64::from(camera.width) * u64::from(camera.height);
     pixels.saturating_mul(of_hit) > bvh.len() as u64 / 6
 }
 
@@ -130,7 +130,7 @@ pub fn cast(
     options: &RenderOptions,
     pixels: &mut [Pixel],
 ) -> RenderStats {
-    let size = u64::from(camera.width()) * u64::from(camera.height());
+    let size = u64::from(camera.width) * u64::from(camera.height);
     assert_eq!(pixels.len() as u64, size, "pixels of the camera");
     run(&frame(bvh, triangles, camera, light, options), &Look::Hits, pixels)
 }
@@ -142,7 +142,7 @@ thread_local! {
 
 /// Fills an image, by bands of tiles.
 fn run<P: TilePixel>(frame: &Frame<'_>, look: &Look<'_>, pixels: &mut [P]) -> RenderStats {
-    let width = (frame.camera.width() as usize).max(1);
+    let width = (frame.camera.width as usize).max(1);
     let bands = pixels.par_chunks_mut(width.saturating_mul(TILE)).enumerate();
     let of_band = |(band, pixels): (usize, &mut [P])| -> RenderStats {
         let mut tiles: Vec<Rows<'_, P>> = Vec::new();

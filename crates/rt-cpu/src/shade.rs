@@ -6,10 +6,10 @@ use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
 use crate::Mesh;
-use crate::bundle::{Coordinates, RAYS, at, set};
 use crate::cast::Tile;
 use crate::simd::{dot, load, load3, max, normalize, store3};
 use crate::times::Tally;
+use crate::wave::{Coordinates, RAYS, at, set};
 
 /// A point that shines alike in all directions and to any distance from 1e-19 to 1e19; surfaces
 /// nearer or farther get no light. Shadow rays come from the light and end above the surface, by
@@ -53,11 +53,11 @@ impl Shader<'_> {
     #[inline(always)]
     pub(crate) fn find_appearance(&self, tile: &mut Tile, tally: &mut Tally) {
         let Tile { seen, surfaces, appearance, .. } = tile;
-        let count = seen.rays.count;
+        let count = seen.count;
         for (normal, face) in appearance.normal.iter_mut().zip(&surfaces.face) {
             normal[..count].copy_from_slice(&face[..count]);
         }
-        let hits = (0..count).filter_map(|i| Some((i, seen.hits.get(i)?)));
+        let hits = (0..count).filter_map(|i| Some((i, seen.hit(i)?)));
         if self.smooth {
             for (i, hit) in hits.clone() {
                 if let Some(normal) = self.mesh.normal(&hit) {
@@ -82,10 +82,10 @@ impl Shader<'_> {
     pub(crate) fn shade<S: Simd>(&self, simd: S, tile: &mut Tile) {
         let Tile { seen, surfaces, appearance, lit, colors, .. } = tile;
         let zero = S::f32s::simd_from(simd, 0.0);
-        for at in (0..seen.rays.count).step_by(S::f32s::LEN) {
-            let ray = load3::<S, S::f32s, RAYS>(simd, &seen.rays.direction, at);
+        for at in (0..seen.count).step_by(S::f32s::LEN) {
+            let ray = load3::<S, S::f32s, RAYS>(simd, &seen.direction, at);
             let mut color = behind(simd, ray);
-            let lanes = seen.hits.lanes(simd, at);
+            let lanes = seen.hit_lanes(simd, at);
             if lanes != 0 {
                 let point: [S::f32s; 3] = load3(simd, &surfaces.point, at);
                 let (to_light, light) = match self.light {

@@ -27,28 +27,33 @@ pub(crate) fn detected(level: SimdLevel) -> Level {
     lower.unwrap_or(best)
 }
 
-/// Runs `$body` compiled for the level, with `$simd` the token of its vector types: as
-/// `fearless_simd::dispatch`, but SSE4.2 runs the kernels of SSE2. Kernels of its own are no faster
-/// (`compare trace`, row `pivot baseline`) and take a sixth of the time to compile this crate.
-macro_rules! dispatch {
-    (@run $simd:ident => $body:expr) => {
+/// Runs `$body` with the instructions of `$simd`. Without `inline(always)` the closure is compiled on
+/// its own, without them.
+macro_rules! vectorize {
+    ($simd:expr, $body:expr) => {
         fearless_simd::Simd::vectorize(
             $simd,
             #[inline(always)]
             || $body,
         )
     };
+}
+
+/// Runs `$body` compiled for the level, with `$simd` the token of its vector types: as
+/// `fearless_simd::dispatch`, but SSE4.2 runs the kernels of SSE2. Kernels of its own are no faster
+/// (`compare trace`, row `pivot baseline`) and take a sixth of the time to compile this crate.
+macro_rules! dispatch {
     ($level:expr, $simd:ident => $body:expr) => {{
         match $level {
             #[cfg(target_arch = "x86_64")]
-            fearless_simd::Level::Avx512($simd) => $crate::simd::dispatch!(@run $simd => $body),
+            fearless_simd::Level::Avx512($simd) => $crate::simd::vectorize!($simd, $body),
             #[cfg(target_arch = "x86_64")]
-            fearless_simd::Level::Avx2($simd) => $crate::simd::dispatch!(@run $simd => $body),
+            fearless_simd::Level::Avx2($simd) => $crate::simd::vectorize!($simd, $body),
             #[cfg(target_arch = "x86_64")]
             level => {
                 // Always there on x86-64.
                 let $simd = level.as_sse2().expect("SSE2");
-                $crate::simd::dispatch!(@run $simd => $body)
+                $crate::simd::vectorize!($simd, $body)
             }
             #[cfg(not(target_arch = "x86_64"))]
             level => fearless_simd::dispatch!(level, $simd => $body),
@@ -56,7 +61,7 @@ macro_rules! dispatch {
     }};
 }
 pub(crate) use bvh_core::pick::{max, min};
-pub(crate) use dispatch;
+pub(crate) use {dispatch, vectorize};
 
 /// Lanes of single precision numbers.
 pub(crate) trait Lanes<S: Simd>: SimdFloat<S, Element = f32> {}

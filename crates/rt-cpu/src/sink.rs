@@ -4,11 +4,11 @@ use bvh_core::{Vec3, prefetch};
 use fearless_simd::{Simd, f32x4};
 
 use crate::Pixel;
-use crate::bundle::{Hits, RAYS, set};
 use crate::cast::{Frame, TILE, Tile};
 use crate::shade::Shader;
-use crate::simd::load;
+use crate::simd::{load, vectorize};
 use crate::times::Tally;
+use crate::wave::{RAYS, Wave, set};
 use crate::wavefront::Wavefront;
 use crate::wide::WideTest;
 
@@ -38,18 +38,12 @@ impl Look<'_> {
         match self {
             Self::Hits => {}
             &Self::Nodes { most } => heat_map(tile, most),
-            Self::Direct(shader) => simd.vectorize(
-                #[inline(always)]
-                || {
-                    tile.appearance.open[..tile.seen.rays.count].fill(1.0);
-                    shader.find_appearance(tile, tally);
-                    shader.shade(simd, tile);
-                },
-            ),
-            Self::Effects(effects) => simd.vectorize(
-                #[inline(always)]
-                || effects.follow::<S, T>(simd, frame, tile, tally),
-            ),
+            Self::Direct(shader) => vectorize!(simd, {
+                tile.appearance.open[..tile.seen.count].fill(1.0);
+                shader.find_appearance(tile, tally);
+                shader.shade(simd, tile);
+            }),
+            Self::Effects(effects) => vectorize!(simd, effects.follow::<S, T>(simd, frame, tile, tally)),
         }
     }
 }
@@ -79,11 +73,11 @@ impl TilePixel for [f32; 3] {
 impl TilePixel for Pixel {
     #[inline(always)]
     fn write<S: Simd>(simd: S, tile: &Tile, rows: &mut Rows<'_, Self>) {
-        let Hits { t, u, v, primitive } = &tile.seen.hits;
+        let Wave { t, u, v, primitive, .. } = &tile.seen;
         // Numbers of primitives with the bit for light.
         let mut words = [0.0; RAYS];
         for (word, (&p, &lit)) in words.iter_mut().zip(primitive.iter().zip(&tile.lit)) {
-            *word = Self::word(p, p != Hits::NONE && lit > 0.0);
+            *word = Self::word(p, p != Wave::NO_HIT && lit > 0.0);
         }
         for (y, rays) in tile.ray.chunks_exact(TILE).take(tile.size.1).enumerate() {
             // Rows of the image are far apart: the processor does not foresee the next.
@@ -115,10 +109,10 @@ impl TilePixel for Pixel {
 /// Colours by the number of nodes that each ray and its shadow ray visited.
 fn heat_map(tile: &mut Tile, most: u32) {
     let Tile { seen, shadow, whose, colors, .. } = tile;
-    for (&nodes, &i) in shadow.nodes[..shadow.rays.count].iter().zip(&*whose) {
+    for (&nodes, &i) in shadow.nodes[..shadow.count].iter().zip(&*whose) {
         seen.nodes[i as usize] += nodes;
     }
-    for (i, &nodes) in seen.nodes[..seen.rays.count].iter().enumerate() {
+    for (i, &nodes) in seen.nodes[..seen.count].iter().enumerate() {
         set(colors, i, heat(nodes as f32 / most.max(1) as f32));
     }
 }

@@ -8,10 +8,10 @@ use bytemuck::Zeroable;
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
-use crate::bundle::{Bundle, Coordinates, PACKET, RAYS};
 use crate::frustum::Frustum;
 use crate::simd::load3;
 use crate::tile::{common_frame, frustum_of};
+use crate::wave::{Coordinates, PACKET, RAYS, Wave};
 
 /// Sorting pays from packets on that overlap this often: 20 to 25 % of the time of shadow rays on
 /// shattered scenes; on cloth, always sorting costs 30 %.
@@ -32,23 +32,18 @@ impl Sorter {
     /// Sorts rays, and the numbers that go with them, by the cell of their slopes along a curve, if
     /// their packets overlap.
     #[inline(always)]
-    pub(crate) fn sort_if_scattered<S: Simd>(
-        &mut self,
-        simd: S,
-        rays: &mut Bundle,
-        pixels: &mut [u16; RAYS],
-    ) {
-        let count = rays.count;
+    pub(crate) fn sort_if_scattered<S: Simd>(&mut self, simd: S, wave: &mut Wave, pixels: &mut [u16; RAYS]) {
+        let count = wave.count;
         let whole = count / PACKET * PACKET;
         if whole <= PACKET {
             return;
         }
-        let Some(frame) = common_frame(simd, rays, (0, whole)) else { return };
+        let Some(frame) = common_frame(simd, wave, (0, whole)) else { return };
         let area = |Frustum([x, y]): &Frustum| (x[1] - x[0]) * (y[1] - y[0]);
         let mut all = Frustum::NONE;
         let mut sum = 0.0;
         for at in (0..whole).step_by(PACKET) {
-            let frustum = frustum_of(simd, &frame, rays, at);
+            let frustum = frustum_of(simd, &frame, wave, at);
             sum += area(&frustum);
             all = all.union(&frustum);
         }
@@ -65,7 +60,7 @@ impl Sorter {
         };
         let mut ends = [0u16; CELLS * CELLS];
         for at in (0..count).step_by(S::f32s::LEN) {
-            let [x, y] = frame.slopes::<S, S::f32s>(simd, load3(simd, &rays.direction, at));
+            let [x, y] = frame.slopes::<S, S::f32s>(simd, load3(simd, &wave.direction, at));
             for i in 0..S::f32s::LEN.min(count - at) {
                 let key = cell(x[i], all.0[0]) | cell(y[i], all.0[1]) << 1;
                 self.keys[at + i] = key as u8;
@@ -76,14 +71,14 @@ impl Sorter {
             *end += sum;
             *end
         });
-        self.unsorted = rays.direction;
+        self.unsorted = wave.direction;
         self.unsorted_pixels = *pixels;
         for i in (0..count).rev() {
             let end = &mut ends[usize::from(self.keys[i])];
             *end -= 1;
             let to = *end as usize % RAYS;
             for k in 0..3 {
-                rays.direction[k][to] = self.unsorted[k][i];
+                wave.direction[k][to] = self.unsorted[k][i];
             }
             pixels[to] = self.unsorted_pixels[i];
         }

@@ -6,8 +6,8 @@ use fearless_simd::prelude::*;
 
 use bytemuck::Zeroable;
 
-use crate::bundle::{Bundle, Coordinates, Hits, RAYS, Wave};
 use crate::simd::{bits, cross, dot, load, load3, max, normalize, store_chosen};
+use crate::wave::{Coordinates, RAYS, Wave};
 
 /// Points seen and the planes they lie in; without meaning where nothing is hit.
 #[repr(C, align(64))]
@@ -25,14 +25,13 @@ impl Surfaces {
     /// Finds the surfaces that the rays of `seen` hit.
     #[inline(always)]
     pub(crate) fn find<S: Simd>(&mut self, simd: S, triangles: &Triangles<'_>, seen: &Wave) {
-        let Wave { rays, hits, .. } = seen;
         let n = S::f32s::LEN;
-        for at in (0..rays.count).step_by(n) {
-            let lanes = hits.lanes(simd, at);
+        for at in (0..seen.count).step_by(n) {
+            let lanes = seen.hit_lanes(simd, at);
             if lanes == 0 {
                 continue;
             }
-            let ([a, b, c], max_coordinate) = edges(simd, triangles, &hits.primitive[at..at + n], lanes);
+            let ([a, b, c], max_coordinate) = edges(simd, triangles, &seen.primitive[at..at + n], lanes);
             max_coordinate.store_slice(&mut self.max_coordinate[at..at + n]);
             let (mut normal, unit) = normalize(simd, cross(b, c));
             for i in bits(lanes & !unit) {
@@ -43,9 +42,9 @@ impl Surfaces {
                 let exact = b.cross(c).normalize_or_zero().as_vec3();
                 (normal[0][i], normal[1][i], normal[2][i]) = (exact.x, exact.y, exact.z);
             }
-            let away = dot(normal, load3(simd, &rays.direction, at)).simd_gt(0.0);
-            let u: S::f32s = load(simd, &hits.u, at);
-            let v: S::f32s = load(simd, &hits.v, at);
+            let away = dot(normal, load3(simd, &seen.direction, at)).simd_gt(0.0);
+            let u: S::f32s = load(simd, &seen.u, at);
+            let v: S::f32s = load(simd, &seen.v, at);
             for k in 0..3 {
                 away.select(-normal[k], normal[k]).store_slice(&mut self.face[k][at..at + n]);
                 (a[k] + b[k] * u + c[k] * v).store_slice(&mut self.point[k][at..at + n]);
@@ -53,9 +52,9 @@ impl Surfaces {
         }
     }
 
-    /// Fills `rays`, which must be empty, with those from their origin, a light, to the surfaces
-    /// that face it, where they end at `t` = 1; surfaces that face away shadow themselves. `pixels`
-    /// gets the pixel of each ray.
+    /// Fills `shadow`, which must be empty, with rays from its origin, a light, to those of the
+    /// surfaces `seen` that face it, where they end at `t` = 1; surfaces that face away shadow
+    /// themselves. `pixels` gets the pixel of each ray.
     ///
     /// The ends are moved off the surfaces by 32 roundings of the corners and distances that went
     /// into them: the idea of Wächter and Binder, *A Fast and Robust Method for Avoiding
@@ -64,14 +63,13 @@ impl Surfaces {
     pub(crate) fn shadow_rays<S: Simd>(
         &self,
         simd: S,
-        hits: &Hits,
-        count: usize,
-        rays: &mut Bundle,
+        seen: &Wave,
+        shadow: &mut Wave,
         pixels: &mut [u16; RAYS],
     ) {
-        let light = rays.origin;
-        for at in (0..count).step_by(S::f32s::LEN) {
-            let lanes = hits.lanes(simd, at);
+        let light = shadow.origin;
+        for at in (0..seen.count).step_by(S::f32s::LEN) {
+            let lanes = seen.hit_lanes(simd, at);
             if lanes == 0 {
                 continue;
             }
@@ -84,15 +82,15 @@ impl Surfaces {
             );
             let off = size * (1.0 / (1 << 19) as f32);
             let facing = dot(face, to_light).simd_gt(0.0).to_bitmask() & lanes;
-            let next = rays.count;
+            let next = shadow.count;
             for k in 0..3 {
                 let to = (point[k] + face[k] * off) - light[k];
-                store_chosen(simd, to, facing, &mut rays.direction[k][next..]);
+                store_chosen(simd, to, facing, &mut shadow.direction[k][next..]);
             }
             for (pixel, i) in pixels[next..].iter_mut().zip(bits(facing)) {
                 *pixel = (at + i) as u16;
             }
-            rays.count += facing.count_ones() as usize;
+            shadow.count += facing.count_ones() as usize;
         }
     }
 }

@@ -2,7 +2,6 @@
 
 use bvh_core::{Aabb, Bvh, Node, Primitives, Ray, Triangles, Vec3};
 
-use crate::bundle::{Hits, PACKET, RAYS, Wave, set};
 use crate::bvh8;
 use crate::cast::{place, trace};
 use crate::packet;
@@ -10,6 +9,7 @@ use crate::scene::{Scene, Work, with_test};
 use crate::simd::{detected, dispatch};
 use crate::tile::Scratch;
 use crate::times::Tally;
+use crate::wave::{PACKET, RAYS, Wave, set};
 use bvh_core::triangle::Watertight;
 use bytemuck::zeroed_box;
 
@@ -17,7 +17,7 @@ use crate::random::splitmix;
 use crate::{
     Bvh8, Camera, Image, Material, Mesh, Output, PointLight, RenderOptions, SimdLevel, Traversal, render,
 };
-use crate::{Effects, any_hit, any_hit_brute, closest_hit, closest_hit_brute};
+use crate::{Effects, any_hit, closest_hit, closest_hit_brute};
 use crate::{Hit, TriangleTest};
 
 mod absent;
@@ -78,10 +78,10 @@ fn tree(soup: &Soup, leaf: usize) -> Bvh {
 
 /// Makes the rays of a wave those from `origin` to `targets`, no more than it has room for.
 fn aim(wave: &mut Wave, origin: Vec3, t_max: f32, targets: &[Vec3]) {
-    wave.rays.start(origin, t_max);
-    wave.rays.count = targets.len();
+    wave.start(origin, t_max);
+    wave.count = targets.len();
     for (i, &target) in targets.iter().enumerate() {
-        set(&mut wave.rays.direction, i, target - origin);
+        set(&mut wave.direction, i, target - origin);
     }
 }
 

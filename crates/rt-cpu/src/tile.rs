@@ -25,6 +25,8 @@ mod leaf;
 mod packet;
 mod walk;
 
+use std::cell::OnceCell;
+
 use bvh_core::{MAX_HEIGHT, Vec3};
 use bytemuck::Zeroable;
 use fearless_simd::Simd;
@@ -32,10 +34,10 @@ use fearless_simd::prelude::*;
 
 use self::cut::Cut;
 use self::packet::Packet;
-use crate::bundle::{Bundle, Hits, PACKET};
 use crate::frustum::{Frame, Frustum, Sides};
 use crate::scene::Scene;
-use crate::simd::{bits, load, load3, max, min};
+use crate::simd::{bits, load, load3, max, min, vectorize};
+use crate::wave::{PACKET, Wave};
 use crate::wide::{RayOctant, WideTest};
 
 /// Rays that share a cut: those of 32 x 32 pixels.
@@ -48,8 +50,6 @@ pub(crate) struct Scratch {
     stack: [(u32, u64); MAX_HEIGHT as usize + 1],
     group_stack: [(u32, u64); MAX_HEIGHT as usize + 1],
     cut: Cut,
-    /// Those of the packet's frustum; zeroed until needed.
-    sides: Sides,
     /// Inner nodes visited.
     pub(crate) nodes: u64,
 }
@@ -62,28 +62,29 @@ struct Context<'a, S> {
     octant: &'a RayOctant,
     /// The packet's, if its rays have one.
     frustum: Option<(&'a Frame, &'a Frustum)>,
+    /// Those of the frustum, once they are needed.
+    sides: &'a OnceCell<Sides>,
 }
 
-/// Traces a bundle. For `ANY` hits are any, not the closest, and only the primitives count.
+/// Traces a wave. For `ANY` hits are any, not the closest, and only the primitives count.
 #[inline(always)]
 pub(crate) fn trace<S: Simd, T: WideTest, const ANY: bool>(
     simd: S,
     scene: Scene<'_>,
-    bundle: &mut Bundle,
-    hits: &mut Hits,
+    wave: &mut Wave,
     scratch: &mut Scratch,
 ) {
-    let Some(last) = bundle.count.checked_sub(1) else {
+    let Some(last) = wave.count.checked_sub(1) else {
         return;
     };
-    let end = bundle.count.next_multiple_of(PACKET);
-    for d in &mut bundle.direction {
+    let end = wave.count.next_multiple_of(PACKET);
+    for d in &mut wave.direction {
         let padding = d[last];
         d[last + 1..end].fill(padding);
     }
     for start in (0..end).step_by(SHARED) {
         let range = (start, end.min(start + SHARED));
-        trace_shared::<S, T, ANY>(simd, scene, bundle, range, hits, scratch);
+        trace_shared::<S, T, ANY>(simd, scene, wave, range, scratch);
     }
 }
 
@@ -92,19 +93,18 @@ pub(crate) fn trace<S: Simd, T: WideTest, const ANY: bool>(
 fn trace_shared<S: Simd, T: WideTest, const ANY: bool>(
     simd: S,
     scene: Scene<'_>,
-    bundle: &Bundle,
+    wave: &mut Wave,
     (start, end): (usize, usize),
-    hits: &mut Hits,
     scratch: &mut Scratch,
 ) {
-    let frame = common_frame(simd, bundle, (start, end));
+    let frame = common_frame(simd, wave, (start, end));
     let mut frusta = [Frustum::NONE; SHARED / PACKET];
     if let Some(frame) = &frame {
         for (frustum, at) in frusta.iter_mut().zip((start..end).step_by(PACKET)) {
-            *frustum = frustum_of(simd, frame, bundle, at);
+            *frustum = frustum_of(simd, frame, wave, at);
         }
         let whole = frusta.iter().fold(Frustum::NONE, |a, b| a.union(b));
-        scratch.nodes += scratch.cut.fill(simd, scene.bvh.nodes(), frame, &whole, bundle.t_max);
+        scratch.nodes += scratch.cut.fill(simd, scene.bvh.nodes(), frame, &whole, wave.t_max);
     } else {
         // The tree as a whole.
         (scratch.cut.node[0], scratch.cut.near[0]) = (0, 0.0);
@@ -112,13 +112,13 @@ fn trace_shared<S: Simd, T: WideTest, const ANY: bool>(
     for (frustum, at) in frusta.iter().zip((start..end).step_by(PACKET)) {
         let met = if frame.is_some() { scratch.cut.met(simd, frustum) } else { 1 };
         if met == 0 {
-            hits.primitive[at..at + PACKET].fill(Hits::NONE);
+            wave.primitive[at..at + PACKET].fill(Wave::NO_HIT);
             continue;
         }
         let frustum = frame.as_ref().map(|frame| (frame, frustum));
-        scratch.sides = Sides::zeroed();
-        let present = if bundle.count - at >= PACKET { !0 } else { (1 << (bundle.count - at)) - 1 };
-        let (negative, longest) = scratch.packet.load(simd, bundle, at, present);
+        let sides = OnceCell::new();
+        let present = if wave.count - at >= PACKET { !0 } else { (1 << (wave.count - at)) - 1 };
+        let (negative, longest) = scratch.packet.load(simd, wave, at, present);
         // Rays of one octant that are longest along the same axis, together: mostly all of them.
         let mut left = scratch.packet.active(0);
         while left != 0 {
@@ -128,18 +128,18 @@ fn trace_shared<S: Simd, T: WideTest, const ANY: bool>(
             let same = left & longest[axis];
             let same = (0..3).fold(same, |m, k| m & if signs[k] { negative[k] } else { !negative[k] });
             left &= !same;
-            let along = Vec3::from([0, 1, 2].map(|k| bundle.direction[k][at + lane as usize]));
-            let octant = RayOctant::new(bundle.origin, along, signs, axis);
-            let context = Context { simd, scene, octant: &octant, frustum };
+            let along = Vec3::from([0, 1, 2].map(|k| wave.direction[k][at + lane as usize]));
+            let octant = RayOctant::new(wave.origin, along, signs, axis);
+            let context = Context { simd, scene, octant: &octant, frustum, sides: &sides };
             trace_packet::<S, T, ANY>(context, met, same, scratch);
         }
         let p = &scratch.packet;
         if !ANY {
-            hits.t[at..at + PACKET].copy_from_slice(&p.t[..PACKET]);
-            hits.u[at..at + PACKET].copy_from_slice(&p.u[..PACKET]);
-            hits.v[at..at + PACKET].copy_from_slice(&p.v[..PACKET]);
+            wave.t[at..at + PACKET].copy_from_slice(&p.t[..PACKET]);
+            wave.u[at..at + PACKET].copy_from_slice(&p.u[..PACKET]);
+            wave.v[at..at + PACKET].copy_from_slice(&p.v[..PACKET]);
         }
-        for (to, from) in hits.primitive[at..at + PACKET].iter_mut().zip(&p.primitive) {
+        for (to, from) in wave.primitive[at..at + PACKET].iter_mut().zip(&p.primitive) {
             *to = from.to_bits();
         }
     }
@@ -147,29 +147,29 @@ fn trace_shared<S: Simd, T: WideTest, const ANY: bool>(
 
 /// A frame for the rays from `start` to `end`, whole packets.
 #[inline(always)]
-pub(crate) fn common_frame<S: Simd>(simd: S, bundle: &Bundle, (start, end): (usize, usize)) -> Option<Frame> {
+pub(crate) fn common_frame<S: Simd>(simd: S, wave: &Wave, (start, end): (usize, usize)) -> Option<Frame> {
     let mut least = Vec3::ZERO;
     let mut greatest = Vec3::ZERO;
     for k in 0..3 {
         let mut a = S::f32s::simd_from(simd, f32::INFINITY);
         let mut b = -a;
         for at in (start..end).step_by(S::f32s::LEN) {
-            let d = load(simd, &bundle.direction[k], at);
+            let d = load(simd, &wave.direction[k], at);
             (a, b) = (min(d, a), max(d, b));
         }
         (least[k], greatest[k]) = (a.reduce_min(), b.reduce_max());
     }
-    Frame::new(bundle.origin, least, greatest)
+    Frame::new(wave.origin, least, greatest)
 }
 
 /// The frustum of the packet that begins with ray `at`.
 #[inline(always)]
-pub(crate) fn frustum_of<S: Simd>(simd: S, frame: &Frame, bundle: &Bundle, at: usize) -> Frustum {
+pub(crate) fn frustum_of<S: Simd>(simd: S, frame: &Frame, wave: &Wave, at: usize) -> Frustum {
     let infinity = S::f32s::simd_from(simd, f32::INFINITY);
     let mut least = [infinity; 2];
     let mut greatest = [-infinity; 2];
     for at in (at..at + PACKET).step_by(S::f32s::LEN) {
-        let slopes = frame.slopes::<S, S::f32s>(simd, load3(simd, &bundle.direction, at));
+        let slopes = frame.slopes::<S, S::f32s>(simd, load3(simd, &wave.direction, at));
         for i in 0..2 {
             least[i] = min(slopes[i], least[i]);
             greatest[i] = max(slopes[i], greatest[i]);
@@ -195,10 +195,7 @@ fn trace_packet<S: Simd, T: WideTest, const ANY: bool>(
             return;
         }
         let root = scratch.cut.node[i];
-        simd.vectorize(
-            #[inline(always)]
-            || walk::walk::<S, T, ANY>(context, root, mask, scratch),
-        );
+        vectorize!(simd, walk::walk::<S, T, ANY>(context, root, mask, scratch));
         if !ANY && !scratch.packet.some_see_nothing(mask) {
             farthest = scratch.packet.farthest(simd, mask);
         }

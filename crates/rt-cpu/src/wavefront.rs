@@ -19,14 +19,15 @@ use bytemuck::{Zeroable, zeroed_box};
 use fearless_simd::Simd;
 
 use crate::Hit;
-use crate::bundle::{Coordinates, RAYS, at, set};
 use crate::bvh8::{self, Bvh8};
 use crate::cast::{Frame, Tile, light_arrives};
 use crate::options::{AmbientOcclusion, DiffuseBounces, Effects};
 use crate::random::{Stream, cosine_direction};
 use crate::scene::{Scene, Work};
 use crate::shade::Shader;
+use crate::simd::vectorize;
 use crate::times::Tally;
+use crate::wave::{Coordinates, RAYS, at, set};
 use crate::wide::WideTest;
 
 /// Mirrors in a row that are followed.
@@ -69,7 +70,7 @@ impl Paths {
     /// Begins with one ray for each pixel of a tile.
     fn start(&mut self, tile: &Tile, seed: u64) {
         let (x, y) = tile.corner;
-        for i in 0..tile.seen.rays.count {
+        for i in 0..tile.seen.count {
             self.whose[i] = i as u16;
             self.streams[i] = Stream::new(seed, x + tile.columns[i] as u32, y + tile.rows[i] as u32);
         }
@@ -107,15 +108,15 @@ impl Wavefront<'_> {
             }
             self.see(simd, tile, &mut paths);
             self.reflect(frame, tile, &mut paths, wave, tally);
-            let rays = tile.seen.rays.count;
+            let rays = tile.seen.count;
             if rays == 0 {
                 break;
             }
             tally.end(|t| &mut t.primary);
             for i in 0..rays {
-                let ray = Ray::new(at(&paths.origin, i), at(&tile.seen.rays.direction, i));
+                let ray = Ray::new(at(&paths.origin, i), at(&tile.seen.direction, i));
                 let hit = self.hit::<S, T, false>(simd, frame, &ray, f32::INFINITY, &mut tally.work);
-                tile.seen.hits.set(i, hit);
+                tile.seen.set_hit(i, hit);
             }
             tally.end_reflected(paths.mirrors[..rays].iter().filter(|&&m| m > 0).count(), rays);
             tile.seen.end();
@@ -142,13 +143,12 @@ impl Wavefront<'_> {
     ) -> Option<Hit> {
         let Scene { bvh, triangles, .. } = frame.scene;
         let counts = |hit: &Hit| frame.alpha_cutouts.is_none_or(|mesh| mesh.is_there(hit));
-        simd.vectorize(
-            #[inline(always)]
-            || match self.wide {
+        vectorize!(simd, {
+            match self.wide {
                 Some(wide) => bvh8::hit::<S, T, ANY>(simd, wide, ray, t_max, work, counts),
                 None => pick::hit::<S, T, ANY>(simd, bvh, triangles, ray, t_max, work, counts),
-            },
-        )
+            }
+        })
     }
 
     /// Finds out how much of the sky is open above what a wave hit.
@@ -163,8 +163,8 @@ impl Wavefront<'_> {
         tally: &mut Tally,
     ) {
         let first = u64::from(frame.options.sample) * u64::from(samples);
-        for i in 0..tile.seen.rays.count {
-            if tile.seen.hits.get(i).is_none_or(|hit| self.is_mirror(hit.primitive)) {
+        for i in 0..tile.seen.count {
+            if tile.seen.hit(i).is_none_or(|hit| self.is_mirror(hit.primitive)) {
                 continue;
             }
             let from = off_surface(tile, i);
@@ -186,8 +186,8 @@ impl Wavefront<'_> {
     #[inline(always)]
     fn see<S: Simd>(&self, simd: S, tile: &mut Tile, paths: &mut Paths) {
         self.shader.shade(simd, tile);
-        for i in 0..tile.seen.rays.count {
-            let color = match (tile.seen.hits.get(i), self.effects.diffuse_bounces) {
+        for i in 0..tile.seen.count {
+            let color = match (tile.seen.hit(i), self.effects.diffuse_bounces) {
                 (Some(hit), _) if self.is_mirror(hit.primitive) => continue,
                 // From the eye and from mirrors the background is seen instead.
                 (None, Some(DiffuseBounces { sky, .. })) if paths.bounces[i] > 0 && paths.mirrors[i] == 0 => {
@@ -204,15 +204,15 @@ impl Wavefront<'_> {
     /// Replaces the rays of a wave by those of the next.
     fn reflect(&self, frame: &Frame<'_>, tile: &mut Tile, paths: &mut Paths, wave: u32, tally: &mut Tally) {
         let (mut next, sample, stats) = (0, frame.options.sample, &mut tally.stats);
-        for i in 0..tile.seen.rays.count {
-            let Some(hit) = tile.seen.hits.get(i) else { continue };
+        for i in 0..tile.seen.count {
+            let Some(hit) = tile.seen.hit(i) else { continue };
             let (face, normal) = (at(&tile.surfaces.face, i), at(&tile.appearance.normal, i));
             let mut weight = at(&paths.weight, i) * at(&tile.appearance.albedo, i);
             let (mut mirrors, mut bounces) = (paths.mirrors[i], paths.bounces[i]);
             let specular = self.is_mirror(hit.primitive);
             let direction = if specular {
                 mirrors += 1;
-                let along = at(&tile.seen.rays.direction, i);
+                let along = at(&tile.seen.direction, i);
                 along - normal * (2.0 * along.dot(normal))
             } else {
                 let Some(DiffuseBounces { most, .. }) = self.effects.diffuse_bounces else { continue };
@@ -242,7 +242,7 @@ impl Wavefront<'_> {
                 continue;
             }
             let from = off_surface(tile, i);
-            set(&mut tile.seen.rays.direction, next, onto_side(direction, face));
+            set(&mut tile.seen.direction, next, onto_side(direction, face));
             set(&mut paths.origin, next, from);
             set(&mut paths.weight, next, weight);
             paths.whose[next] = paths.whose[i];
@@ -250,7 +250,7 @@ impl Wavefront<'_> {
             next += 1;
             *(if specular { &mut stats.rays_mirror } else { &mut stats.rays_bounce }) += 1;
         }
-        tile.seen.rays.count = next;
+        tile.seen.count = next;
     }
 }
 

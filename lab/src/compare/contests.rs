@@ -126,7 +126,7 @@ pub(super) fn primary(stage: &mut Stage, setting: &Setting) -> Result<Vec<Row>> 
 /// rays.
 pub(super) fn incoherent(stage: &mut Stage, setting: &Setting) -> Result<Vec<Row>> {
     let mut lanes = lanes(Contest::Incoherent, stage, setting)?;
-    let (mut wide, mut making) = (Bvh8::new(), Record::default());
+    let (mut wide, mut making) = (Bvh8::default(), Record::default());
     let (mut reference, mut count) = (Answers::default(), 0);
     play("incoherent", stage, setting, false, |stage, turn, _| {
         let (seen, triangles) = (Frame::new(stage, view(stage, setting.size))?, stage.triangles());

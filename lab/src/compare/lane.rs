@@ -115,7 +115,7 @@ pub(super) struct Frame {
 impl Frame {
     pub(super) fn new(stage: &Stage, view: View) -> Result<Self> {
         let (triangles, tree) = (stage.triangles(), fresh_tree(stage)?);
-        let mut pixels = vec![Pixel::default(); view.camera.width() as usize * view.camera.height() as usize];
+        let mut pixels = vec![Pixel::default(); view.camera.width as usize * view.camera.height as usize];
         let light = view.light.map(|position| PointLight { position, color: [1.0; 3] });
         let options = RenderOptions { traversal: Traversal::Single, ..RenderOptions::default() };
         let stats = cast(&tree, &triangles, &view.camera, light.as_ref(), &options, &mut pixels);

@@ -94,9 +94,8 @@ impl Checks {
 /// Rays through random pixels, with what they hit if every triangle is tested.
 pub(crate) fn sample(camera: &Camera, triangles: &Triangles<'_>, count: usize, seed: u64) -> Vec<SampleRay> {
     let mut random = fastrand::Rng::with_seed(seed);
-    let rays: Vec<Ray> = (0..count)
-        .map(|_| camera.ray(random.u32(0..camera.width()), random.u32(0..camera.height())))
-        .collect();
+    let rays: Vec<Ray> =
+        (0..count).map(|_| camera.ray(random.u32(0..camera.width), random.u32(0..camera.height))).collect();
     rays.into_par_iter()
         .map(|ray| (ray, closest_hit_brute(triangles, &ray, f32::INFINITY, TriangleTest::default())))
         .collect()

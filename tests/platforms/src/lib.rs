@@ -137,7 +137,7 @@ fn hits(scene_name: &str, test: TriangleTest, level: SimdLevel) -> Fingerprint {
     let bvh = updated(scene_name, &"refit+rotate".parse().expect("a strategy"), level);
     let (positions, indices) = scene(scene_name, FRAMES - 1);
     let triangles = Triangles { positions: &positions, indices: &indices };
-    let mut wide = Bvh8::new();
+    let mut wide = Bvh8::default();
     wide.update(&bvh, &triangles);
     let mut found = Fingerprint::START;
     for i in 0..600 {

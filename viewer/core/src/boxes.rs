@@ -127,8 +127,8 @@ pub(crate) struct Projection {
 impl Projection {
     /// The projection onto the part `clip` of a canvas, which is of the camera's size.
     pub(crate) fn new(camera: &Camera, clip: Rect) -> Self {
-        let [corner, right, down] = camera.image_plane();
-        Self { eye: camera.eye(), to_pixels: Mat3::from_cols(right, down, corner).inverse(), clip }
+        let &Camera { eye, corner, right, down, .. } = camera;
+        Self { eye, to_pixels: Mat3::from_cols(right, down, corner).inverse(), clip }
     }
 
     /// Draws the edges of a box.
@@ -220,12 +220,12 @@ mod tests {
         let projection = Projection::new(&camera, clip);
         let mut canvas = Canvas::new(40, 30);
         canvas.rgba.fill(0);
-        let point = camera.eye() + camera.ray(11, 17).direction() * 3.0;
+        let point = camera.eye + camera.ray(11, 17).direction() * 3.0;
         projection.draw(&mut canvas, &Aabb::new(point, point), [255; 3], 1.0);
         let lit: Vec<_> = (0..1200).filter(|i| canvas.rgba[4 * i] > 0).map(|i| (i % 40, i / 40)).collect();
         assert_eq!(lit, [(11, 17)]);
         // Behind the eye, around it, and not finite.
-        let behind = camera.eye() * 2.0;
+        let behind = camera.eye * 2.0;
         canvas.rgba.fill(0);
         for aabb in [Aabb::new(behind, behind), Aabb::EMPTY, Aabb { min: Vec3::NAN, max: Vec3::ONE }] {
             projection.draw(&mut canvas, &aabb, [255; 3], 1.0);

@@ -141,7 +141,7 @@ impl State {
         let (port, side) = (self.ports()[0], shown.sides.first()?);
         let camera = self.camera(&shown.stage, port, (port.width as u32).div_ceil(PROBE).max(1));
         let (mesh, light) = (shown.stage.mesh(), shown.stage.light());
-        let (width, height) = (camera.width(), camera.height());
+        let (width, height) = (camera.width, camera.height);
         let traced = |triangle_test| {
             let options = RenderOptions { triangle_test, timed: false, ..*options };
             let mut image = Image::new(width, height);

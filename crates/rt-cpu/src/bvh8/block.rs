@@ -2,6 +2,7 @@
 
 use bvh_core::triangle::{Test, in_box};
 use bvh_core::{Primitives, Ray, Triangles, Vec3};
+use bytemuck::{Pod, Zeroable};
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
@@ -25,7 +26,7 @@ const NONE: u32 = u32::MAX;
 
 /// Triangles, corner by corner and axis by axis.
 #[repr(C, align(32))]
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub(crate) struct Block {
     corners: [[[f32; SIZE]; 3]; 3],
     /// Numbers of the primitives, or [`NONE`].
@@ -66,11 +67,6 @@ impl Block {
         // (docs/BENCHMARKS.md, incoherent rays).
         let corners = wide::corners::<S, T, _, _>(simd, &rays.octant, [a, b, c]);
         T::wide(simd, rays, &corners, present, false)
-    }
-
-    #[cfg(test)]
-    pub(super) fn bytes(&self) -> impl Iterator<Item = &u8> {
-        bytemuck::bytes_of(&self.corners).iter().chain(bytemuck::bytes_of(&self.primitive))
     }
 
     #[inline(always)]

@@ -10,6 +10,7 @@ use super::*;
 use crate::cast::Tile;
 use crate::random;
 use crate::shade::Shader;
+use crate::simd::vectorize;
 use crate::tile;
 use crate::times::Tally;
 use crate::wide::WideTest;
@@ -25,40 +26,32 @@ fn see<S: Simd, T: WideTest>(
     corner: (u32, u32),
 ) -> bool {
     let Tile { size, columns, rows, seen, surfaces, scratch, .. } = tile;
-    simd.vectorize(
-        #[inline(always)]
-        || {
-            seen.rays.start(camera.eye(), f32::INFINITY);
-            seen.rays.count = size.0 * size.1;
-            let places = (&*columns, &*rows);
-            camera.directions(simd, corner, random::in_pixel(0), places, &mut seen.rays.direction);
-            let Wave { rays, hits, .. } = seen;
-            tile::trace::<S, T, false>(simd, scene, rays, hits, scratch);
-            seen.end();
-            let any = seen.hits.primitive[..seen.rays.count].iter().any(|&p| p != Hits::NONE);
-            if any {
-                surfaces.find(simd, scene.triangles, seen);
-            }
-            any
-        },
-    )
+    vectorize!(simd, {
+        seen.start(camera.eye, f32::INFINITY);
+        seen.count = size.0 * size.1;
+        let places = (&*columns, &*rows);
+        camera.directions(simd, corner, random::in_pixel(0), places, &mut seen.direction);
+        tile::trace::<S, T, false>(simd, scene, seen, scratch);
+        seen.end();
+        let any = seen.primitive[..seen.count].iter().any(|&p| p != Wave::NO_HIT);
+        if any {
+            surfaces.find(simd, scene.triangles, seen);
+        }
+        any
+    })
 }
 
 #[inline(never)]
 fn shine<S: Simd, T: WideTest>(simd: S, tile: &mut Tile, scene: Scene<'_>, light: Vec3) {
     let Tile { seen, surfaces, shadow, whose, lit, scratch, .. } = tile;
-    simd.vectorize(
-        #[inline(always)]
-        || {
-            shadow.rays.start(light, 1.0);
-            surfaces.shadow_rays(simd, &seen.hits, seen.rays.count, &mut shadow.rays, whose);
-            let Wave { rays, hits, .. } = shadow;
-            tile::trace::<S, T, true>(simd, scene, rays, hits, scratch);
-            for (&blocked, &i) in hits.primitive.iter().zip(&whose[..rays.count]) {
-                lit[i as usize] = if blocked == Hits::NONE { 1.0 } else { 0.0 };
-            }
-        },
-    );
+    vectorize!(simd, {
+        shadow.start(light, 1.0);
+        surfaces.shadow_rays(simd, seen, shadow, whose);
+        tile::trace::<S, T, true>(simd, scene, shadow, scratch);
+        for (&blocked, &i) in shadow.primitive.iter().zip(&whose[..shadow.count]) {
+            lit[i as usize] = if blocked == Wave::NO_HIT { 1.0 } else { 0.0 };
+        }
+    });
 }
 
 #[inline(never)]
@@ -73,25 +66,22 @@ fn by_hand<S: Simd, T: WideTest>(
 ) {
     let scene = Scene { bvh, triangles: &mesh.triangles };
     let shader = Shader { mesh, light: Some(light), smooth: true, textures: false };
-    let (width, height) = (camera.width() as usize, camera.height() as usize);
+    let (width, height) = (camera.width as usize, camera.height as usize);
     for y in (0..height).step_by(TILE) {
         for x in (0..width).step_by(TILE) {
             tile.resize(TILE.min(width - x), TILE.min(height - y));
             let any = see::<S, T>(simd, tile, scene, camera, (x as u32, y as u32));
-            tile.lit[..tile.seen.rays.count].fill(0.0);
+            tile.lit[..tile.seen.count].fill(0.0);
             if any {
                 shine::<S, T>(simd, tile, scene, light.position);
             }
-            simd.vectorize(
-                #[inline(always)]
-                || {
-                    tile.appearance.open.fill(1.0);
-                    shader.find_appearance(tile, &mut Tally::default());
-                    shader.shade(simd, tile);
-                },
-            );
+            vectorize!(simd, {
+                tile.appearance.open.fill(1.0);
+                shader.find_appearance(tile, &mut Tally::default());
+                shader.shade(simd, tile);
+            });
             let [r, g, b] = &tile.colors;
-            for i in 0..tile.seen.rays.count {
+            for i in 0..tile.seen.count {
                 let pixel = (y + tile.rows[i] as usize) * width + x + tile.columns[i] as usize;
                 image.pixels_mut()[pixel] = [r[i], g[i], b[i]];
             }
@@ -129,7 +119,7 @@ fn a_frame_without_effects_is_that_of_a_renderer_without_any() {
             let options = RenderOptions { triangle_test, simd, ..allowed() };
             let mut image = Image::new(0, 0);
             by_render(&bvh, &mesh, &camera, &light, &options, &mut image);
-            let mut plain = Image::new(camera.width(), camera.height());
+            let mut plain = Image::new(camera.width, camera.height);
             with_test!(triangle_test, T => dispatch!(detected(simd), simd => {
                 by_hand::<_, T>(simd, &mut tile, &bvh, &mesh, &camera, &light, &mut plain);
             }));

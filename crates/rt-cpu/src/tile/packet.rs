@@ -5,8 +5,8 @@ use bytemuck::Zeroable;
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
-use crate::bundle::{Bundle, Hits, PACKET};
 use crate::simd::{bits, load, load3, max, store_chosen};
+use crate::wave::{PACKET, Wave};
 use crate::wide::{RayOctant, Rays, V};
 
 /// Rays in one [`V`]: once no more are left, they are walked with by themselves.
@@ -82,7 +82,7 @@ impl Packet {
     pub(super) fn load<S: Simd>(
         &mut self,
         simd: S,
-        bundle: &Bundle,
+        wave: &Wave,
         at: usize,
         present: u64,
     ) -> ([u64; 3], [u64; 3]) {
@@ -92,7 +92,7 @@ impl Packet {
         let (mut negative, mut longest) = ([0; 3], [0; 3]);
         let mut valid = 0;
         for i in (0..PACKET).step_by(n) {
-            let d: [S::f32s; 3] = load3(simd, &bundle.direction, at + i);
+            let d: [S::f32s; 3] = load3(simd, &wave.direction, at + i);
             let inverse = [minus_one / d[0], minus_one / d[1], minus_one / d[2]];
             let finite = d[0].is_finite() & d[1].is_finite() & d[2].is_finite();
             let nowhere = d[0].simd_eq(zero) & d[1].simd_eq(zero) & d[2].simd_eq(zero);
@@ -119,11 +119,11 @@ impl Packet {
             shear[0].store_slice(&mut self.shear[0][i..i + n]);
             shear[1].store_slice(&mut self.shear[1][i..i + n]);
         }
-        self.active[0] = if bundle.origin.is_finite() && bundle.t_max >= 0.0 { present & valid } else { 0 };
+        self.active[0] = if wave.origin.is_finite() && wave.t_max >= 0.0 { present & valid } else { 0 };
         self.hit[0] = 0;
-        self.primitive = [f32::from_bits(Hits::NONE); LANES];
+        self.primitive = [f32::from_bits(Wave::NO_HIT); LANES];
         // No hit is infinitely far.
-        self.t = [bundle.t_max.min(f32::MAX); LANES];
+        self.t = [wave.t_max.min(f32::MAX); LANES];
         for i in bits(!self.active[0]) {
             self.t[i] = -1.0;
         }
@@ -188,15 +188,11 @@ impl Packet {
     /// Copies the hits of gathered rays back.
     #[inline(always)]
     pub(super) fn scatter<const ANY: bool>(&mut self, mask: u64) {
-        let (mut mask, mut from, mut hits) = (mask, PACKET, self.hit[1]);
-        while hits != 0 {
-            // Skips the rays before the next that hit.
-            let skipped = hits.trailing_zeros();
-            for _ in 0..skipped {
-                mask &= mask - 1;
-            }
-            let to = mask.trailing_zeros() as usize % PACKET;
-            from += skipped as usize;
+        let (mut places, mut passed) = (bits(mask), 0);
+        for lane in bits(self.hit[1]) {
+            let Some(to) = places.nth(lane - passed) else { return };
+            passed = lane + 1;
+            let (from, to) = (PACKET + lane, to % PACKET);
             self.hit[0] |= 1 << to;
             self.primitive[to] = self.primitive[from];
             if ANY {
@@ -204,9 +200,6 @@ impl Packet {
             } else {
                 (self.t[to], self.u[to], self.v[to]) = (self.t[from], self.u[from], self.v[from]);
             }
-            mask &= mask - 1;
-            from += 1;
-            hits = hits >> skipped >> 1;
         }
     }
 }

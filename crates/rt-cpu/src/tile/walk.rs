@@ -9,10 +9,10 @@ use fearless_simd::prelude::*;
 use super::leaf::test_leaf;
 use super::packet::{GROUP, Packet};
 use super::{Context, Scratch};
-use crate::bundle::PACKET;
 use crate::frustum::Sides;
 use crate::scene::Scene;
-use crate::simd::{load, load3};
+use crate::simd::{bits, load, load3, vectorize};
+use crate::wave::PACKET;
 use crate::wide::{RayOctant, Slab, V, WideTest};
 
 /// Inner nodes of a subtree that rays of several groups visit before the packet's frustum is tested,
@@ -52,7 +52,7 @@ pub(super) fn walk<S: Simd, T: WideTest, const ANY: bool>(
             let mut entered = if visited <= NODES_BEFORE_FRUSTUM {
                 enter(simd, &scratch.packet, children, octant, mask)
             } else {
-                enter_met(context, scratch, children, mask)
+                enter_met(context, &scratch.packet, children, mask)
             };
             for (rays, child) in entered.iter_mut().zip(children) {
                 if *rays != 0 && child.is_leaf() {
@@ -175,26 +175,21 @@ fn enter<S: Simd, const N: usize>(
 #[cold]
 #[inline(never)]
 fn enter_met<S: Simd>(
-    Context { simd, octant, frustum, .. }: Context<'_, S>,
-    Scratch { packet, sides, .. }: &mut Scratch,
+    Context { simd, octant, frustum, sides, .. }: Context<'_, S>,
+    packet: &Packet,
     siblings: &[Node; 2],
     mask: u64,
 ) -> [u64; 2] {
-    if let Some((frame, frustum)) = frustum.filter(|_| sides.are_unknown()) {
-        *sides = Sides::new(frame, frustum);
-    }
-    simd.vectorize(
-        #[inline(always)]
-        || {
-            let (met, mut entered) = (sides.meet(simd, siblings), [0; 2]);
-            for (side, node) in siblings.iter().enumerate() {
-                if met >> side & 1 == 1 {
-                    [entered[side]] = enter(simd, packet, std::array::from_ref(node), octant, mask);
-                }
-            }
-            entered
-        },
-    )
+    let sides = frustum.map(|(frame, frustum)| sides.get_or_init(|| Sides::new(frame, frustum)));
+    vectorize!(simd, {
+        let met = if let Some(sides) = sides { sides.meet(simd, siblings) } else { 0b11 };
+        let mut entered = [0; 2];
+        for side in bits(met) {
+            let node = std::array::from_ref(&siblings[side]);
+            [entered[side]] = enter(simd, packet, node, octant, mask);
+        }
+        entered
+    })
 }
 
 /// Walks the subtree at an inner node with rays of the group at `at`, all of which enter it.

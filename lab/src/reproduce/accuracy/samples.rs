@@ -157,8 +157,9 @@ impl Case {
 
     /// The mean of the closed form over each pixel.
     fn expected(&self) -> Vec<f64> {
-        let [corner, right, down] = self.camera.image_plane().map(Vec3::as_dvec3);
-        let (eye, places) = (self.camera.eye().as_dvec3(), self.places);
+        let [corner, right, down] =
+            [self.camera.corner, self.camera.right, self.camera.down].map(Vec3::as_dvec3);
+        let (eye, places) = (self.camera.eye.as_dvec3(), self.places);
         let within = |pixel: u32| {
             (0..places).map(move |i| f64::from(pixel) + (f64::from(i) + 0.5) / f64::from(places))
         };
@@ -166,7 +167,7 @@ impl Case {
             let all = within(y).flat_map(|y| within(x).map(move |x| corner + x * right + y * down));
             all.map(|direction| (self.exact)(eye, direction)).sum::<f64>() / f64::from(places * places)
         };
-        let pixels = (0..self.camera.height()).flat_map(|y| (0..self.camera.width()).map(move |x| (x, y)));
+        let pixels = (0..self.camera.height).flat_map(|y| (0..self.camera.width).map(move |x| (x, y)));
         pixels.map(value).collect()
     }
 
@@ -175,7 +176,7 @@ impl Case {
         let white = [Material { color: [1.0; 3], ..Material::DEFAULT }];
         let material_of = vec![0; self.model.1.len()];
         let mesh = Mesh { materials: &white, material_of: &material_of, ..Mesh::new(self.triangles()) };
-        let mut sum = Image::new(self.camera.width(), self.camera.height());
+        let mut sum = Image::new(self.camera.width, self.camera.height);
         let mut image = sum.clone();
         let (mut means, mut time_ms) = (Vec::new(), 0.0);
         for sample in 0..most as u32 {
@@ -255,7 +256,7 @@ mod tests {
         let dark = values.iter().filter(|&&v| v < AMBIENT + 1e-9).count();
         assert!((50..700).contains(&dark), "{dark} dark pixels");
         let away = |x: u32, y: u32| {
-            let (eye, way) = (case.camera.eye().as_dvec3(), case.camera.ray(x, y).direction().as_dvec3());
+            let (eye, way) = (case.camera.eye.as_dvec3(), case.camera.ray(x, y).direction().as_dvec3());
             (BALL - eye).cross(way.normalize()).length() > RADIUS
         };
         assert!((0..32).all(|x| (0..32).all(|y| away(x, y))));

@@ -96,7 +96,7 @@ impl Wall {
         let eye = DVec3::splat(offset);
         let target = eye + DVec3::new(100.0, 40.0, -70.0);
         let camera = Camera::look_at(eye.as_vec3(), target.as_vec3(), Vec3::Y, 1.5, size, size);
-        let [corner, right, down] = camera.image_plane().map(Vec3::as_dvec3);
+        let [corner, right, down] = [camera.corner, camera.right, camera.down].map(Vec3::as_dvec3);
         let columns = i64::from(size) / SPACING + 2 * MARGIN;
         // Edges of about 1: so far away is a pixel 1 / SPACING wide.
         let far = 1.0 / (right.length() * SPACING as f64);
@@ -121,7 +121,7 @@ impl Wall {
 
     /// What the rays of all pixels hit in tiles, and the milliseconds that took.
     fn tiles(&self, tree: &Bvh, triangle_test: TriangleTest) -> (Vec<Option<Hit>>, f64) {
-        let mut pixels = vec![Pixel::default(); (self.camera.width() * self.camera.height()) as usize];
+        let mut pixels = vec![Pixel::default(); (self.camera.width * self.camera.height) as usize];
         let options = RenderOptions { triangle_test, ..RenderOptions::default() };
         let (_, time_ms) = timed(|| cast(tree, &self.triangles(), &self.camera, None, &options, &mut pixels));
         (pixels.iter().map(Pixel::hit).collect(), time_ms)
@@ -129,10 +129,10 @@ impl Wall {
 
     /// The same one by one, on one thread, of one row in `every`.
     fn single<T: Test>(&self, tree: &Bvh, every: usize) -> (Vec<Option<Hit>>, f64) {
-        let (triangles, width) = (self.triangles(), self.camera.width());
-        let mut hits = Vec::with_capacity((width * self.camera.height()) as usize);
+        let (triangles, width) = (self.triangles(), self.camera.width);
+        let mut hits = Vec::with_capacity((width * self.camera.height) as usize);
         timed(|| {
-            for y in (0..self.camera.height()).step_by(every) {
+            for y in (0..self.camera.height).step_by(every) {
                 for x in 0..width {
                     let ray = black_box(self.camera.ray(x, y));
                     let mut visits = Visits::default();
@@ -145,7 +145,7 @@ impl Wall {
 
     /// Root mean square of the relative errors of the distances.
     fn distance_error(&self, hits: &[Option<Hit>]) -> f64 {
-        let width = self.camera.width();
+        let width = self.camera.width;
         let square = |(hit, pixel): (&Option<Hit>, u32)| {
             let hit = hit.as_ref()?;
             let ray = self.camera.ray(pixel % width, pixel / width);
@@ -211,8 +211,8 @@ fn arithmetic(log: &mut Log<'_>, wall: &Wall, tree: &Bvh, condition: &str) -> Re
         ("fused multiply-add", "in the triangle test", &fused, times[2]),
     ] {
         let is_default = std::ptr::eq(hits, &raw const plain);
-        let rows = wall.camera.height().div_ceil(PART as u32);
-        let note = format!("time of {} single rays, one thread", rows * wall.camera.width());
+        let rows = wall.camera.height.div_ceil(PART as u32);
+        let note = format!("time of {} single rays, one thread", rows * wall.camera.width);
         let of = format!("{knob} at {condition}");
         let point = Point { note, ..Point::new(&of, setting, is_default, time_ms) };
         log.add(point.with(LEAKS.0, leaks(hits), LEAKS.1))?;
