@@ -290,18 +290,12 @@ fn main() {
     let threads = threads.map_or(1, |n| n.parse().expect("a number of threads"));
     let is_cold = flags.iter().any(|f| f == "--cold");
     let other_data = &mut vec![0; if is_cold { 8 << 20 } else { 0 }][..];
-    let without: Vec<_> = [
-        (cfg!(refit_without = "validity"), "validity"),
-        (cfg!(refit_without = "heights"), "heights"),
-        (cfg!(refit_without = "moving"), "moving"),
-    ]
-    .into_iter()
-    .filter_map(|(is_out, name)| is_out.then_some(name))
-    .collect();
+    // The guards that are left out.
+    let compiled_with = option_env!("RUSTFLAGS").unwrap_or_default();
     let prices = Prices::measured();
     let Prices { join, theft } = prices;
     println!("a join: {join} ns; a theft: {theft} ns");
-    println!("ns per moving triangle, threads: {threads}; cold: {is_cold}; without: {without:?}");
+    println!("ns per moving triangle, threads: {threads}; cold: {is_cold}; RUSTFLAGS: {compiled_with}");
     println!(
         "{:46} {:>8} {:>7} {:>7} {:>7} {:>7} {:>9} {:>8} {:>7} efficiency on 8, 16, 64 workers",
         "", "median", "least", "list", "leaves", "boxes", "rotations", "applied", "blocks"
