@@ -9,7 +9,7 @@ use rt_cpu::Hit;
 
 use crate::field::{Contest, Entry};
 use crate::mesh::{Mesh, intersect};
-use crate::sah::{Sah, half_area};
+use crate::sah::sah;
 use crate::{Contestant, Failure, Hits, RAYS, Rays};
 
 /// A triangle as the library knows it.
@@ -117,19 +117,17 @@ impl Contestant for Contender {
     }
 
     fn sah_cost(&self) -> Option<f64> {
-        let area = |b: &Aabb<f32, 3>| half_area((b.max - b.min).into());
         let all = self.shapes.iter().map(|s| unboxed(&s.aabb));
-        let root = all.fold(bvh_core::Aabb::EMPTY, bvh_core::Aabb::union).half_area_f64();
-        let mut sah = Sah::default();
-        sah.add(root, usize::from(self.shapes.len() == 1));
+        let root = all.fold(bvh_core::Aabb::EMPTY, bvh_core::Aabb::union);
+        let mut nodes = vec![(root, usize::from(self.shapes.len() == 1))];
         for node in &self.tree.nodes {
             if let BvhNode::Node { child_l_index, child_l_aabb, child_r_index, child_r_aabb, .. } = node {
                 for (child, aabb) in [(*child_l_index, child_l_aabb), (*child_r_index, child_r_aabb)] {
-                    sah.add(area(aabb), usize::from(self.tree.nodes[child].is_leaf()));
+                    nodes.push((unboxed(aabb), usize::from(self.tree.nodes[child].is_leaf())));
                 }
             }
         }
-        sah.cost(root)
+        sah(root, nodes)
     }
 
     fn closest(&self, rays: &Rays, hits: &mut Hits) {

@@ -20,7 +20,7 @@ use rt_cpu::Hit;
 
 use crate::field::{Contest, Entry};
 use crate::mesh::{Mesh, intersect};
-use crate::sah::{Sah, half_area};
+use crate::sah::sah;
 use crate::{Contestant, Failure, Hits, RAYS, Rays};
 
 /// What happens to the tree.
@@ -52,6 +52,10 @@ struct Obvhs {
 
 fn boxed(b: bvh_core::Aabb) -> Aabb {
     Aabb::new(b.min.into(), b.max.into())
+}
+
+fn unboxed(b: &Aabb) -> bvh_core::Aabb {
+    bvh_core::Aabb::new(b.min.into(), b.max.into())
 }
 
 impl Obvhs {
@@ -168,17 +172,15 @@ impl Contestant for Obvhs {
         if self.mode == Mode::Wide {
             return None;
         }
-        let nodes = &self.tree.nodes;
-        let area = |n: usize| half_area(nodes[n].aabb().diagonal().to_array());
-        let (mut sah, mut todo) = (Sah::default(), vec![0]);
-        while let Some(n) = todo.pop() {
-            let node = nodes.get(n)?;
-            sah.add(area(n), node.prim_count as usize);
+        let (nodes, mut todo) = (&self.tree.nodes, vec![0]);
+        let reachable = std::iter::from_fn(|| {
+            let node = &nodes[todo.pop()?];
             if !node.is_leaf() {
                 todo.extend([node.first_index as usize, node.first_index as usize + 1]);
             }
-        }
-        sah.cost(area(0))
+            Some((unboxed(node.aabb()), node.prim_count as usize))
+        });
+        sah(unboxed(nodes.first()?.aabb()), reachable)
     }
 
     fn closest(&self, rays: &Rays, hits: &mut Hits) {

@@ -8,7 +8,7 @@ use parry3d::query::Ray;
 
 use crate::field::{Contest, Entry};
 use crate::mesh::{Mesh, intersect};
-use crate::sah::{Sah, half_area};
+use crate::sah::sah;
 use crate::{Contestant, Failure, Hits, RAYS, Rays};
 
 /// What happens to the tree; all but the last keep the tree.
@@ -41,6 +41,10 @@ fn vector(v: Vec3) -> Vector {
 
 fn boxed(b: bvh_core::Aabb) -> Aabb {
     Aabb::new(vector(b.min), vector(b.max))
+}
+
+fn unboxed(b: Aabb) -> bvh_core::Aabb {
+    bvh_core::Aabb::new(Vec3::from_array(b.mins.into()), Vec3::from_array(b.maxs.into()))
 }
 
 impl Parry {
@@ -86,16 +90,14 @@ impl Contestant for Parry {
     }
 
     fn sah_cost(&self) -> Option<f64> {
-        let area = |aabb: Aabb| half_area((aabb.maxs - aabb.mins).into());
-        let root = area(self.tree.root_aabb());
-        let mut sah = Sah::default();
+        let root = unboxed(self.tree.root_aabb());
         // The root itself is not visited.
-        sah.add(root, usize::from(self.tree.leaf_count() == 1));
+        let mut nodes = vec![(root, usize::from(self.tree.leaf_count() == 1))];
         self.tree.traverse(|node| {
-            sah.add(area(node.aabb()), usize::from(node.is_leaf()));
+            nodes.push((unboxed(node.aabb()), usize::from(node.is_leaf())));
             TraversalAction::Continue
         });
-        sah.cost(root)
+        sah(root, nodes)
     }
 
     fn closest(&self, rays: &Rays, hits: &mut Hits) {

@@ -1,28 +1,13 @@
-//! SAH cost of other libraries' trees, by the definition of [`bvh_core::sah_cost`].
+//! SAH cost of other libraries' trees.
 
-use bvh_core::{COST_INTERSECT, COST_TRAVERSE};
+use bvh_core::{Aabb, COST_INTERSECT, COST_TRAVERSE};
 
-/// Sum over the nodes of a tree.
-#[derive(Default)]
-pub(crate) struct Sah {
-    sum: f64,
-}
-
-impl Sah {
-    /// Adds a node with the given half area and number of primitives, 0 for an inner node.
-    pub(crate) fn add(&mut self, half_area: f64, primitives: usize) {
-        self.sum +=
-            half_area * if primitives == 0 { COST_TRAVERSE } else { COST_INTERSECT * primitives as f64 };
-    }
-
-    /// The cost, normalised by the root.
-    pub(crate) fn cost(&self, root_half_area: f64) -> Option<f64> {
-        (root_half_area > 0.0).then(|| self.sum / root_half_area)
-    }
-}
-
-/// Half the surface area of a box with the given extents.
-pub(crate) fn half_area(extent: [f32; 3]) -> f64 {
-    let [x, y, z] = extent.map(f64::from);
-    x * y + y * z + z * x
+/// The cost of a tree as [`bvh_core::sah_cost`] defines it, from the box and the number of
+/// primitives of every node, the root included; inner nodes have 0 primitives. `None` if the root's
+/// box has no area.
+pub(crate) fn sah(root: Aabb, nodes: impl IntoIterator<Item = (Aabb, usize)>) -> Option<f64> {
+    let cost = |primitives| if primitives == 0 { COST_TRAVERSE } else { COST_INTERSECT * primitives as f64 };
+    let sum: f64 = nodes.into_iter().map(|(aabb, primitives)| aabb.half_area_f64() * cost(primitives)).sum();
+    let area = root.half_area_f64();
+    (area > 0.0).then(|| sum / area)
 }
