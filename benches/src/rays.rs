@@ -21,11 +21,6 @@ pub struct Rays {
 }
 
 impl Rays {
-    /// Removes all rays.
-    pub fn clear(&mut self) {
-        self.count = 0;
-    }
-
     /// Adds a ray.
     ///
     /// # Panics

@@ -165,9 +165,8 @@ pub(super) fn run_one(case: &str, contestant: &str, embree: Option<&Path>) -> Re
     let last = frames.last().context("no frames")?;
     let triangles = Triangles { positions: last, indices: &indices };
     let (mut wanted, mut lost, mut wrong) = (0, 0, 0);
-    let (mut rays, mut hits) = (Rays::default(), Hits::default());
     for start in (0..CAST).step_by(RAYS) {
-        rays.clear();
+        let (mut rays, mut hits) = (Rays::default(), Hits::default());
         for i in start..(start + RAYS).min(CAST) {
             // At the middle of a triangle, so that rounding at edges decides nothing.
             let target = triangles.corners(i * 7 % indices.len()).iter().sum::<Vec3>() / 3.0;
