@@ -23,30 +23,20 @@ impl Limit {
     }
 }
 
-fn stream(triangles: &Triangles<'_>, first: usize, pairs: &mut [Pair]) {
-    let count = pairs.len();
-    for (pair, indices) in pairs.iter_mut().zip(&triangles.indices[first..first + count]) {
-        let [a, b, c] = indices.map(|v| triangles.positions[v as usize]);
-        let (min, max) = (a.min(b).min(c), a.max(b).max(c));
-        let node = [min.x, min.y, min.z, 0.0, max.x, max.y, max.z, 0.0];
-        *pair = Pair(std::array::from_fn(|i| node[i % 8]));
-    }
-}
-
 impl Contestant for Limit {
     fn pose(&mut self, positions: &[Vec3]) {
         self.mesh.pose(positions);
     }
 
     fn update(&mut self) -> Result<(), Failure> {
-        const CHUNK: usize = 8192;
         let triangles = self.mesh.triangles();
-        if rayon::current_num_threads() == 1 {
-            stream(&triangles, 0, &mut self.pairs);
-        } else {
-            let chunks = self.pairs.par_chunks_mut(CHUNK).enumerate();
-            chunks.for_each(|(i, pairs)| stream(&triangles, i * CHUNK, pairs));
-        }
+        let writes = self.pairs.par_iter_mut().zip(triangles.indices).with_min_len(8192);
+        writes.for_each(|(pair, indices)| {
+            let [a, b, c] = indices.map(|v| triangles.positions[v as usize]);
+            let (min, max) = (a.min(b).min(c), a.max(b).max(c));
+            let node = [min.x, min.y, min.z, 0.0, max.x, max.y, max.z, 0.0];
+            *pair = Pair(std::array::from_fn(|i| node[i % 8]));
+        });
         std::hint::black_box(&self.pairs);
         Ok(())
     }

@@ -102,19 +102,14 @@ impl Obvhs {
     fn refit(&mut self) {
         let mesh = &self.mesh;
         let numbers = &self.tree.primitive_indices;
-        let fit = |node: &mut ::obvhs::bvh2::node::Bvh2Node| {
+        self.tree.nodes.par_iter_mut().with_min_len(4096).for_each(|node| {
             if node.is_leaf() {
                 let first = node.first_index as usize;
                 let leaf = &numbers[first..first + node.prim_count as usize];
                 let all = leaf.iter().map(|&p| mesh.aabb(p as usize));
                 node.set_aabb(boxed(all.fold(bvh_core::Aabb::EMPTY, bvh_core::Aabb::union)));
             }
-        };
-        if rayon::current_num_threads() == 1 {
-            self.tree.nodes.iter_mut().for_each(fit);
-        } else {
-            self.tree.nodes.par_iter_mut().with_min_len(4096).for_each(fit);
-        }
+        });
         self.tree.refit_all();
     }
 
