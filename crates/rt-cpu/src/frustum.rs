@@ -16,6 +16,7 @@
 //! that is missed.
 
 use bvh_core::{Aabb, Node, Vec3, slab};
+use bytemuck::Zeroable;
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x8};
 
@@ -119,11 +120,13 @@ impl Frustum {
 
 /// The sides of a [`Frustum`] as linear forms of the words of two siblings: a box is missed if for
 /// any of its words `scale * word + slopes[0] * near + slopes[1] * far` exceeds the slack. `near` and
-/// `far` are where it begins and ends along z; all is relative to the origin.
+/// `far` are where it begins and ends along z; all is relative to the origin. Zeroed they are unknown
+/// and miss nothing.
 ///
 /// For words that bound nothing along x or y the origin is NaN, and so is the sum, which exceeds
 /// nothing.
 #[repr(C, align(64))]
+#[derive(Zeroable)]
 pub(crate) struct Sides {
     origin: [f32; 16],
     scale: [f32; 16],
@@ -139,8 +142,8 @@ impl Sides {
     pub(crate) fn new(frame: &Frame, frustum: &Frustum) -> Self {
         let [x, y, z] = frame.axes;
         let (sign, ends) = if frame.negative { (-1.0, [z + 4, z]) } else { (1.0, [z, z + 4]) };
-        let (origin, scale, slopes) = ([f32::NAN; 16], [0.0; 16], [[0.0; 16]; 2]);
-        let mut sides = Self { origin, scale, slopes, steepest: 1.0, origin_z: frame.origin[z], ends };
+        let (origin, origin_z) = ([f32::NAN; 16], frame.origin[z]);
+        let mut sides = Self { origin, origin_z, ends, steepest: 1.0, ..Self::zeroed() };
         for (axis, [least, greatest]) in [x, y].into_iter().zip(frustum.0) {
             for (word, scale, slope) in [(axis + 4, -1.0, least), (axis, 1.0, -greatest)] {
                 sides.steepest = sides.steepest.max(slope.abs());
@@ -155,9 +158,13 @@ impl Sides {
         sides
     }
 
+    pub(crate) fn are_unknown(&self) -> bool {
+        self.steepest == 0.0
+    }
+
     /// Which of two siblings may be met: bit 0 the left, bit 1 the right.
     #[inline(always)]
-    pub(crate) fn meet<S: Simd>(&self, simd: S, siblings: &[Node; 2]) -> u64 {
+    pub(crate) fn meet<S: Simd>(&self, simd: S, siblings: &[Node; 2]) -> u32 {
         let words: &[f32; 16] = bytemuck::cast_ref(siblings);
         // With the mask the compiler knows that the index is in range.
         let along = |word: usize| {
@@ -169,8 +176,8 @@ impl Sides {
         let across = (lanes(words) - lanes(&self.origin)) * lanes(&self.scale);
         let outside = across + near * lanes(&self.slopes[0]) + far * lanes(&self.slopes[1]);
         let size = across.abs() + (near.abs() + far.abs()) * self.steepest;
-        let missed = outside.simd_gt(size * SLACK + f32::MIN_POSITIVE).to_bitmask();
-        u64::from(missed & 0xff == 0) | u64::from(missed & 0xff00 == 0) << 1
+        let missed = outside.simd_gt(size * SLACK + f32::MIN_POSITIVE).to_bitmask() as u32;
+        u32::from(missed & 0xff == 0) | u32::from(missed & 0xff00 == 0) << 1
     }
 }
 
@@ -249,6 +256,7 @@ mod tests {
                 assert_eq!(in_lanes, meets, "{level:?}: {aabb:?}");
                 let met = dispatch!(detected(level), simd => sides_meet(simd, &sides, aabb, in_it));
                 assert!(met || !entered, "{level:?}: {aabb:?}");
+                assert!(dispatch!(detected(level), simd => sides_meet(simd, &Sides::zeroed(), aabb, in_it)));
                 if outline[2][0] > 0.0 {
                     missed = [missed[0] + u32::from(!meets), missed[1] + u32::from(!met)];
                 }

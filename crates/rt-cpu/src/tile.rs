@@ -25,8 +25,6 @@ mod leaf;
 mod packet;
 mod walk;
 
-use std::cell::OnceCell;
-
 use bvh_core::{MAX_HEIGHT, Vec3};
 use bytemuck::Zeroable;
 use fearless_simd::Simd;
@@ -50,6 +48,8 @@ pub(crate) struct Scratch {
     stack: [(u32, u64); MAX_HEIGHT as usize + 1],
     group_stack: [(u32, u64); MAX_HEIGHT as usize + 1],
     cut: Cut,
+    /// Those of the packet's frustum; zeroed until needed.
+    sides: Sides,
     /// Inner nodes visited.
     pub(crate) nodes: u64,
 }
@@ -62,8 +62,6 @@ struct Context<'a, S> {
     octant: &'a RayOctant,
     /// The packet's, if its rays have one.
     frustum: Option<(&'a Frame, &'a Frustum)>,
-    /// Those of the frustum, once they are needed.
-    sides: &'a OnceCell<Sides>,
 }
 
 /// Traces a wave. For `ANY` hits are any, not the closest, and only the primitives count.
@@ -116,7 +114,7 @@ fn trace_shared<S: Simd, T: WideTest, const ANY: bool>(
             continue;
         }
         let frustum = frame.as_ref().map(|frame| (frame, frustum));
-        let sides = OnceCell::new();
+        scratch.sides = Sides::zeroed();
         let present = if wave.count - at >= PACKET { !0 } else { (1 << (wave.count - at)) - 1 };
         let (negative, longest) = scratch.packet.load(simd, wave, at, present);
         // Rays of one octant that are longest along the same axis, together: mostly all of them.
@@ -130,7 +128,7 @@ fn trace_shared<S: Simd, T: WideTest, const ANY: bool>(
             left &= !same;
             let along = Vec3::from([0, 1, 2].map(|k| wave.direction[k][at + lane as usize]));
             let octant = RayOctant::new(wave.origin, along, signs, axis);
-            let context = Context { simd, scene, octant: &octant, frustum, sides: &sides };
+            let context = Context { simd, scene, octant: &octant, frustum };
             trace_packet::<S, T, ANY>(context, met, same, scratch);
         }
         let p = &scratch.packet;

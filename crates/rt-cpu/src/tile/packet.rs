@@ -188,11 +188,15 @@ impl Packet {
     /// Copies the hits of gathered rays back.
     #[inline(always)]
     pub(super) fn scatter<const ANY: bool>(&mut self, mask: u64) {
-        let (mut places, mut passed) = (bits(mask), 0);
-        for lane in bits(self.hit[1]) {
-            let Some(to) = places.nth(lane - passed) else { return };
-            passed = lane + 1;
-            let (from, to) = (PACKET + lane, to % PACKET);
+        let (mut mask, mut from, mut hits) = (mask, PACKET, self.hit[1]);
+        while hits != 0 {
+            // Skips the rays before the next that hit.
+            let skipped = hits.trailing_zeros();
+            for _ in 0..skipped {
+                mask &= mask - 1;
+            }
+            let to = mask.trailing_zeros() as usize % PACKET;
+            from += skipped as usize;
             self.hit[0] |= 1 << to;
             self.primitive[to] = self.primitive[from];
             if ANY {
@@ -200,6 +204,9 @@ impl Packet {
             } else {
                 (self.t[to], self.u[to], self.v[to]) = (self.t[from], self.u[from], self.v[from]);
             }
+            mask &= mask - 1;
+            from += 1;
+            hits = hits >> skipped >> 1;
         }
     }
 }

@@ -11,7 +11,7 @@ use super::packet::{GROUP, Packet};
 use super::{Context, Scratch};
 use crate::frustum::Sides;
 use crate::scene::Scene;
-use crate::simd::{bits, load, load3, vectorize};
+use crate::simd::{load, load3, vectorize};
 use crate::wave::PACKET;
 use crate::wide::{RayOctant, Slab, V, WideTest};
 
@@ -52,7 +52,7 @@ pub(super) fn walk<S: Simd, T: WideTest, const ANY: bool>(
             let mut entered = if visited <= NODES_BEFORE_FRUSTUM {
                 enter(simd, &scratch.packet, children, octant, mask)
             } else {
-                enter_met(context, &scratch.packet, children, mask)
+                enter_met(context, scratch, children, mask)
             };
             for (rays, child) in entered.iter_mut().zip(children) {
                 if *rays != 0 && child.is_leaf() {
@@ -175,18 +175,20 @@ fn enter<S: Simd, const N: usize>(
 #[cold]
 #[inline(never)]
 fn enter_met<S: Simd>(
-    Context { simd, octant, frustum, sides, .. }: Context<'_, S>,
-    packet: &Packet,
+    Context { simd, octant, frustum, .. }: Context<'_, S>,
+    Scratch { packet, sides, .. }: &mut Scratch,
     siblings: &[Node; 2],
     mask: u64,
 ) -> [u64; 2] {
-    let sides = frustum.map(|(frame, frustum)| sides.get_or_init(|| Sides::new(frame, frustum)));
+    if let Some((frame, frustum)) = frustum.filter(|_| sides.are_unknown()) {
+        *sides = Sides::new(frame, frustum);
+    }
     vectorize!(simd, {
-        let met = if let Some(sides) = sides { sides.meet(simd, siblings) } else { 0b11 };
-        let mut entered = [0; 2];
-        for side in bits(met) {
-            let node = std::array::from_ref(&siblings[side]);
-            [entered[side]] = enter(simd, packet, node, octant, mask);
+        let (met, mut entered) = (sides.meet(simd, siblings), [0; 2]);
+        for (side, node) in siblings.iter().enumerate() {
+            if met >> side & 1 == 1 {
+                [entered[side]] = enter(simd, packet, std::array::from_ref(node), octant, mask);
+            }
         }
         entered
     })
