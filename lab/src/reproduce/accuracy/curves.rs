@@ -157,7 +157,8 @@ fn table(family: &Family<'_>) -> String {
     let name = |curve: &Curve<'_>| if curve.name().is_empty() { "error".to_owned() } else { curve.name() };
     let names: Vec<_> = family.curves.iter().map(name).collect();
     let mut text = format!(
-        "\n{}: {} ({}), and in brackets the {}\n\n| setting | {} |\n|---|{}\n",
+        "\n{}: {} ({}), and in brackets the {}; bold: on the Pareto front, \\*: the default\n\n\
+         | setting | {} |\n|---|{}\n",
         family.knob,
         family.error_name,
         family.unit,
