@@ -150,9 +150,11 @@ const supplement = scene => html`<div id="scene-${scene.slug}" data-scene="${sce
   <p>${capital(scene.about)}. ${thousands(scene.triangles)} triangles. It serves one claim, and no other counts it.</p>
   ${table(HEADS, 1, scene.strategies.map(strategyRow))}</div>`;
 
-const figures = html`<section id="figures">${run.figures.map(({ name, title, caption, svg }) => html`<h3 id="${name}">${title}</h3>
+// Those of what accuracy costs stand in that section.
+const figures = ofAccuracy => run.figures.filter(({ name }) => name.startsWith("accuracy-") === ofAccuracy).map(({ name, title, caption, svg }) =>
+  html`<h3 id="${name}">${title}</h3>
   <figure ${name.startsWith("fig6") && html`data-x="frame"`}><div class="scroll" tabindex="0" role="img" aria-label="${title}">${new Markup(svg)}</div>
-  <figcaption>${caption}</figcaption></figure>`)}</section>`;
+  <figcaption>${caption}</figcaption></figure>`);
 
 const beside = main.filter(scene => run.more[scene.label].peers.length > 0).map(scene => html`<details open><summary><b>${scene.label}</b></summary>${table(
   ["Contestant", "What", "Median ms", "Least", "Most", "SAH × sweep, mean", "Different", "of rays", "Frames"], 2, run.more[scene.label].peers.map(row =>
@@ -181,16 +183,19 @@ const colophon = html`<section>
   rebuild with bins along the longest axis only, as was common in 2012. It decides no verdict.</p>
   ${settings.reductions.length > 0 && html`<p>Other than in the paper’s protocol: ${settings.reductions.join("; ")}.</p>`}
   <dl>${Object.entries(facts).map(([name, value]) => value && html`<dt>${name}</dt><dd>${value}</dd>`)}</dl>
-  <p>${checks}</p><h3>Again</h3><pre>${settings.command}</pre>
+  <p>${checks}</p>
+  <p>Hard cases are no part of this run: <code>cargo test</code> checks that Pivot is stable on them, <code>docs/HARD_CASES.md</code> describes them, and
+  <code>cargo xtask compare hard</code> shows what other libraries do with them.</p><h3>Again</h3><pre>${settings.command}</pre>
   <p class="soft">Every row is in <code>frames.csv</code>, the summary for programs in <code>summary.json</code>, figures and pictures as files beside
   this page. <code>cargo xtask reproduce --from DIR</code> draws this page again, <code>--resume</code> goes on after an interrupt.</p></section>`;
 
 document.body.insertAdjacentHTML("afterbegin", written([first, evidence, html`<main>
   ${folded("The paper’s claims", judged)}
-  ${folded("What accuracy costs", run.sentences.length > 0 && html`<ul>${run.sentences.map(line => html`<li>${line}</li>`)}</ul>`)}
+  ${folded("What accuracy costs", figures(true).length > 0 && html`<ul>${run.sentences.map(line => html`<li>${line}</li>`)}</ul>
+    <p class="soft">The tables are in <code>tables.md</code> beside this page.</p>${figures(true)}`)}
   ${folded("Scenes", html`<section id="scenes"><p>Times are means over all updates and over the pictures measured, in milliseconds; below them the
     middle 80 % of the frames measured. × compares the SAH cost with that of a fresh sweep build on the same frame.</p>${main.map(described)}${supplements.map(supplement)}</section>`)}
-  ${folded("Figures", figures)}
+  ${folded("Figures", html`<section id="figures">${figures(false)}</section>`)}
   ${folded("Beside other libraries", beside.length > 0 && html`<section id="peers"><p>The same motion and the same rays; contestants take turns frame by
     frame. An update is the time from new positions to a tree that can be traced. A frame is update and trace. “Different” counts rays whose answer
     differs from the reference’s.</p>${beside}</section>`)}
@@ -234,7 +239,7 @@ const PANEL = 520, over = all("figure svg").filter(svg => svg.closest("figure").
 const lines = over.flatMap(svg => [0, 1].map(panel => {
   const line = document.createElementNS("http://www.w3.org/2000/svg", "line");
   line.setAttribute("class", "cursor");
-  line.setAttribute("y1", 30);
+  line.setAttribute("y1", 46);
   line.setAttribute("y2", 270);
   svg.append(line);
   return [line, panel];
