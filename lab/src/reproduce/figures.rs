@@ -20,13 +20,20 @@ pub(crate) struct Figure {
     pub(crate) svg: String,
 }
 
-/// Strategies drawn as lines, if any of them was run.
-const LINES: [&str; 6] =
+/// Strategies drawn, if any of them was run.
+const DRAWN: [&str; 6] =
     ["refit", "refit+rotate", "refit+rotate+regrow", "auto", IDEAL, IDEAL_PARALLEL_BINNED];
 
 /// The place of a strategy in the list of all, which is its colour.
 fn color(strategy: &str) -> usize {
     Contestant::all().iter().position(|contestant| contestant.name == strategy).unwrap_or(0)
+}
+
+/// The strategies of [`DRAWN`] that were run; all strategies if none of them was.
+fn drawn(results: &Results) -> impl Iterator<Item = &String> {
+    let all = &results.settings.strategies;
+    let has_any = all.iter().any(|name| DRAWN.contains(&name.as_str()));
+    all.iter().filter(move |name| !has_any || DRAWN.contains(&name.as_str()))
 }
 
 /// A line through places.
@@ -38,8 +45,7 @@ fn line(name: &str, color: usize, places: impl Iterator<Item = (f64, f64)>) -> S
 /// Figure 4: time to update by scene and strategy, mean over frames.
 fn update_times(results: &Results) -> Option<Chart> {
     let scenes: Vec<_> = results.main_scenes().filter(|scene| !scene.rows.is_empty()).collect();
-    let timed = results.settings.strategies.iter().filter(|name| *name != IDEAL);
-    let series = timed.map(|name| {
+    let series = drawn(results).filter(|name| *name != IDEAL).map(|name| {
         let point = |(place, scene): (usize, &&SceneRun)| {
             let rows = scene.of(name);
             let Spread { p10: low, p90: high, .. } = Spread::of(rows.iter().map(|row| row.update_ms))?;
@@ -83,12 +89,9 @@ fn pair(
 /// Figure 6 for one scene: (a) frame time, (b) SAH cost, over all loops.
 fn over_frames(results: &Results, scene: &SceneRun) -> Option<[Chart; 2]> {
     let last = scene.rows.last()?;
-    let all = &results.settings.strategies;
-    let has_lines = all.iter().any(|name| LINES.contains(&name.as_str()));
-    let drawn = || all.iter().filter(|name| !has_lines || LINES.contains(&name.as_str()));
     Some(pair(scene, "frame", (last.round, last.frames_per_loop), |value| {
         let at = |row: &Row| (row.step() as f64, value(row));
-        drawn().map(|name| line(name, color(name), scene.of(name).into_iter().map(at))).collect()
+        drawn(results).map(|name| line(name, color(name), scene.of(name).into_iter().map(at))).collect()
     }))
 }
 
@@ -138,7 +141,7 @@ pub(crate) fn all(results: &Results) -> Vec<Figure> {
     };
     if let Some(chart) = update_times(results).filter(|_| wanted(results, "fig4")) {
         let caption = "Mean over frames; thin lines span the middle 80 %. The paper shows refit, refit+rotate and \
-                       ideal-parallel-binned.";
+                       ideal-parallel-binned. Strategies not drawn are in the tables of scenes and in frames.csv.";
         add("fig4".to_owned(), "Time to update (figure 4)", caption, &[chart], 1);
     }
     for scene in results.main_scenes().filter(|_| wanted(results, "fig6")) {
