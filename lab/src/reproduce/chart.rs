@@ -53,15 +53,15 @@ pub(crate) struct Point {
 
 impl Point {
     pub(crate) fn at(x: f64, y: f64) -> Self {
-        Self { x, y, ..Self::default() }
+        Self { x, y, low: y, high: y, ..Self::default() }
     }
 }
 
-/// Width and height of a panel, the left, top, right and bottom of the plot in it, and the width of
-/// a legend, in pixels.
+/// Width and height of a panel, and the left, top, right and bottom of the plot in it, in pixels.
 const PANEL: [f64; 2] = [520.0, 310.0];
-const PLOT: [f64; 4] = [70.0, 30.0, 504.0, 270.0];
-const LEGEND: f64 = 190.0;
+const PLOT: [f64; 4] = [70.0, 46.0, 504.0, 270.0];
+/// Most pixels of a letter, as a mean over a name.
+const LETTER: f64 = 7.0;
 /// Where a legend begins, and most pixels from one name to the next.
 const LEGEND_TOP: f64 = 24.0;
 const LEGEND_STEP: f64 = 18.0;
@@ -72,7 +72,7 @@ pub(crate) fn figure(charts: &[Chart], columns: usize) -> String {
     let mut legend: Vec<&Series> = charts.iter().flat_map(|chart| &chart.series).collect();
     legend.retain(|series| !series.name.is_empty() && names.insert(&series.name));
     let side = columns as f64 * PANEL[0];
-    let width = side + if legend.is_empty() { 0.0 } else { LEGEND };
+    let width = side + legend.iter().map(|s| 30.0 + LETTER * s.name.len() as f64).fold(0.0, f64::max).ceil();
     let height = charts.len().div_ceil(columns) as f64 * PANEL[1];
     let mut svg = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" \
@@ -86,7 +86,7 @@ pub(crate) fn figure(charts: &[Chart], columns: usize) -> String {
     // Many names stand closer together.
     let step = ((height - LEGEND_TOP) / legend.len().max(1) as f64).clamp(1.0, LEGEND_STEP);
     for (series, i) in legend.into_iter().zip(0..) {
-        let (x, y, color) = (side + 4.0, LEGEND_TOP + step * f64::from(i), color(series.color));
+        let (x, y, color) = (side + 4.0, LEGEND_TOP + step * f64::from(i), color(series));
         let name = text(&series.name, [x + 24.0, y + 8.0], "start");
         svg += &format!(
             "<g{}><rect x=\"{x}\" y=\"{y:.1}\" width=\"18\" height=\"8\" fill=\"{color}\"/>{name}</g>\n",
@@ -96,10 +96,20 @@ pub(crate) fn figure(charts: &[Chart], columns: usize) -> String {
     svg + "</svg>"
 }
 
-/// Colours that differ from those before, by the golden angle.
-fn color(index: usize) -> String {
-    let lightness = [38, 52, 64][index % 3];
-    format!("hsl({:.0},70%,{lightness}%)", 137.508 * index as f64 % 360.0)
+/// The colours of `report.css` for the strategies of the report's first screen. Others differ from
+/// those before, by the golden angle.
+fn color(series: &Series) -> String {
+    // In figure 5 the speed follows the name.
+    let strategy = series.name.trim_start_matches("pivot ").split(", ").next();
+    match strategy.unwrap_or_default() {
+        "refit" => "#c8640a".to_owned(),
+        "refit+rotate" => "#1a7f4b".to_owned(),
+        "auto" => "#1a5fb4".to_owned(),
+        _ => {
+            let (hue, lightness) = (137.508 * series.color as f64 % 360.0, [38, 52, 64][series.color % 3]);
+            format!("hsl({hue:.0},70%,{lightness}%)")
+        }
+    }
 }
 
 fn text(words: &str, [x, y]: [f64; 2], anchor: &str) -> String {
@@ -133,19 +143,19 @@ impl Series {
     /// A line through places in the panel.
     fn joined(&self, places: &[[f64; 2]], style: &str) -> String {
         let places: Vec<_> = places.iter().map(|[x, y]| format!("{x:.1},{y:.1}")).collect();
-        let (points, color) = (places.join(" "), color(self.color));
+        let (points, color) = (places.join(" "), color(self));
         format!("<polyline{} points=\"{points}\" fill=\"none\" stroke=\"{color}\" {style}/>\n", self.named())
     }
 
     /// Marks, with names where no other of `labelled` is in the way.
-    fn marks(&self, at: impl Fn(f64, f64) -> [f64; 2], labelled: &mut Vec<[f64; 2]>) -> String {
+    fn marks(&self, at: impl Fn(f64, f64) -> [f64; 2], labelled: &mut Vec<[f64; 3]>) -> String {
         let front = self.drawn().filter(|point| point.is_filled);
         let mut front: Vec<_> = front.map(|point| at(point.x, point.y)).collect();
         front.sort_by(|a, b| a[0].total_cmp(&b[0]));
         let mut svg = self.joined(&front, "opacity=\"0.6\"");
-        svg += &format!("<g{} stroke=\"{}\">", self.named(), color(self.color));
+        svg += &format!("<g{} stroke=\"{}\">", self.named(), color(self));
         for point in self.drawn() {
-            let fill = if point.is_filled { &color(self.color) } else { "none" };
+            let fill = if point.is_filled { &color(self) } else { "none" };
             svg += &circle(at(point.x, point.y), 4, fill);
             if point.is_ringed {
                 svg += &circle(at(point.x, point.y), 8, "none");
@@ -154,9 +164,13 @@ impl Series {
         svg += "</g>\n";
         for point in self.drawn().filter(|point| point.is_filled || point.is_ringed) {
             let [x, y] = at(point.x, point.y);
-            if labelled.iter().all(|other| (other[1] - y).abs() > 12.0 || (other[0] - x).abs() > 130.0) {
-                labelled.push([x, y]);
-                svg += &text(&point.label, [x + 10.0, y - 6.0], "start");
+            let width = LETTER * point.label.len() as f64;
+            let start = (x + 10.0).min(PANEL[0] - width);
+            let end = start + width;
+            if labelled.iter().all(|other| (other[2] - y).abs() > 12.0 || other[0] > end || other[1] < start)
+            {
+                labelled.push([start, end, y]);
+                svg += &text(&point.label, [start, y - 7.0], "start");
             }
         }
         svg
@@ -169,15 +183,15 @@ impl Chart {
         let is_scattered = self.series.iter().any(|series| series.kind == Kind::Marks);
         let x = match (self.places.len(), is_scattered) {
             (0, true) => Axis::of(points().map(|point| point.x), true),
-            (0, false) => Axis { log: false, low: 0.0, high: points().map(|p| p.x).fold(1e-9, f64::max) },
-            (places, _) => Axis { log: false, low: -0.1, high: places as f64 },
+            (0, false) => Axis { high: points().map(|p| p.x).fold(1e-9, f64::max), ..Axis::default() },
+            (places, _) => Axis { low: -0.1, high: places as f64, ..Axis::default() },
         };
         let y = Axis::of(points().flat_map(|p| [p.y, p.low, p.high]), is_scattered);
         let [left, top, right, bottom] = PLOT;
         let at =
             |px: f64, py: f64| [left + x.part(px) * (right - left), bottom - y.part(py) * (bottom - top)];
         let mut svg = self.axes(&x, &y, at);
-        let mut labelled: Vec<[f64; 2]> = Vec::new();
+        let mut labelled = Vec::new();
         for (i, series) in self.series.iter().enumerate() {
             match series.kind {
                 Kind::Line => {
@@ -186,7 +200,7 @@ impl Chart {
                 }
                 Kind::Bars => {
                     let width = 0.8 / self.series.len() as f64;
-                    svg += &format!("<g{} fill=\"{}\">", series.named(), color(series.color));
+                    svg += &format!("<g{} fill=\"{}\">", series.named(), color(series));
                     for point in series.drawn() {
                         let from = point.x + width * i as f64;
                         let ([x, y], [to, _]) = (at(from, point.y), at(from + 0.85 * width, point.y));
@@ -208,15 +222,21 @@ impl Chart {
     /// Title, ticks with their lines, names of the axes, and rules.
     fn axes(&self, x: &Axis, y: &Axis, at: impl Fn(f64, f64) -> [f64; 2]) -> String {
         let [left, top, right, bottom] = PLOT;
-        let middle = [0.5 * (left + right), 0.5 * (top + bottom)];
-        let mut svg = text(&self.title, [middle[0], top - 10.0], "middle");
+        let middle = 0.5 * (left + right);
+        let mut svg = text(&self.title, [middle, top - 30.0], "middle");
         for tick in y.ticks() {
             let [_, height] = at(x.low, tick);
             svg += &line([left, height], [right, height], 0.12);
             svg += &text(&short(tick), [left - 6.0, height + 4.0], "end");
         }
         for (place, name) in self.places.iter().enumerate() {
-            svg += &text(name, [at(place as f64 + 0.4, y.low)[0], bottom + 16.0], "middle");
+            // A name wider than its place goes on in a second line after a hyphen.
+            let is_wide = LETTER * name.len() as f64 > (right - left) / (x.high - x.low);
+            let (first, rest) =
+                name.split_at(name.find('-').filter(|_| is_wide).map_or(name.len(), |at| at + 1));
+            for (part, line) in [first, rest].into_iter().zip([16.0, 30.0]) {
+                svg += &text(part, [at(place as f64 + 0.4, y.low)[0], bottom + line], "middle");
+            }
         }
         for tick in x.ticks().into_iter().filter(|_| self.places.is_empty()) {
             let [place, _] = at(tick, y.low);
@@ -225,9 +245,8 @@ impl Chart {
         }
         let label =
             |name: &str, axis: &Axis| format!("{name}{}", if axis.log { " (logarithmic)" } else { "" });
-        svg += &text(&label(&self.x_label, x), [middle[0], bottom + 34.0], "middle");
-        let name = text(&label(&self.y_label, y), [-middle[1], 14.0], "middle");
-        svg += &format!("<g transform=\"rotate(-90)\">{name}</g>\n");
+        svg += &text(&label(&self.x_label, x), [middle, bottom + 34.0], "middle");
+        svg += &text(&label(&self.y_label, y), [10.0, top - 12.0], "start");
         for &rule in &self.rules {
             svg += &line([at(rule, y.low)[0], top], [at(rule, y.low)[0], bottom], 0.3);
         }
@@ -236,29 +255,36 @@ impl Chart {
 }
 
 /// The values of an axis.
+#[derive(Default)]
 struct Axis {
     low: f64,
     high: f64,
     log: bool,
+    /// Whether there are zeros: a logarithmic axis has them at its lower end.
+    zero: bool,
 }
 
 impl Axis {
     /// Logarithmic if the positive values span more than a factor of 20, or of 10 where they are
     /// scattered; else from zero, or with some room on both sides.
     fn of(values: impl Iterator<Item = f64>, are_scattered: bool) -> Self {
-        let positive = values.filter(|&v| v > 0.0);
+        let mut zero = false;
+        let positive = values.inspect(|&v| zero |= v == 0.0).filter(|&v| v > 0.0);
         let (low, high) = positive.fold((f64::INFINITY, 0.0_f64), |(low, high), v| (low.min(v), high.max(v)));
+        // Zeros stand apart from the least value.
+        let bottom = if zero { 0.2 } else { 0.7 };
         let (low, high, log) = match are_scattered {
             _ if low > high => (0.0, 1.0, false),
-            true if high > 10.0 * low => (0.7 * low, 1.6 * high, true),
-            false if high > 20.0 * low => (0.7 * low, 1.3 * high, true),
+            true if high > 10.0 * low => (bottom * low, 1.6 * high, true),
+            false if high > 20.0 * low => (bottom * low, 1.3 * high, true),
             true => {
+                let low = if zero { 0.0 } else { low };
                 let room = (0.1 * (high - low)).max(0.02 * high);
                 (low - room, high + room, false)
             }
             false => (0.0, 1.08 * high, false),
         };
-        Self { low, high, log }
+        Self { low, high, log, zero }
     }
 
     /// Where a value is between the ends of the axis; what is below stands at the lower end.
@@ -274,10 +300,10 @@ impl Axis {
             let decades = (self.high / self.low).log10();
             let steps: &[f64] = if decades > 3.5 { &[1.0] } else { &[1.0, 2.0, 5.0] };
             let powers = self.low.log10().floor() as i32..=self.high.log10().ceil() as i32;
-            return powers
-                .flat_map(|e| steps.iter().map(move |s| s * 10f64.powi(e)))
-                .filter(inside)
-                .collect();
+            let ticks = powers.flat_map(|e| steps.iter().map(move |s| s * 10f64.powi(e))).filter(inside);
+            // The tick of zero needs room.
+            let (zero, least) = if self.zero { (Some(0.0), 2.5 * self.low) } else { (None, self.low) };
+            return zero.into_iter().chain(ticks.filter(|&tick| tick >= least)).collect();
         }
         let rough = (self.high - self.low) / 5.0;
         let decade = 10f64.powf(rough.log10().floor());
@@ -339,11 +365,13 @@ mod tests {
 
     #[test]
     fn ticks_are_round_and_inside() {
-        let linear = Axis { low: 0.0, high: 9.3, log: false };
+        let linear = Axis { high: 9.3, ..Axis::default() };
         assert_eq!(linear.ticks(), [0.0, 2.0, 4.0, 6.0, 8.0]);
-        let log = Axis { low: 0.8, high: 30.0, log: true };
+        let log = Axis { low: 0.8, high: 30.0, log: true, zero: false };
         let values: Vec<f64> = log.ticks().iter().map(|&t| t.round()).collect();
         assert_eq!(values, [1.0, 2.0, 5.0, 10.0, 20.0]);
+        let zero = Axis::of([0.0, 4.0, 100.0].into_iter(), true);
+        assert_eq!((zero.ticks()[..2].to_vec(), zero.part(0.0)), (vec![0.0, 2.0], 0.0));
     }
 
     #[test]
