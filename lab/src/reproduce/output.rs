@@ -114,12 +114,14 @@ impl Output {
         let checks = results.checks();
         let judged =
             results.scenes.iter().any(|scene| !scene.rows.is_empty() || !scene.speed_rows.is_empty());
-        let mut text = if judged { summary::claims_in_lines(&claims) } else { String::new() };
-        for sentence in accuracy::sentences(&results.accuracy) {
-            text += &format!("\n{sentence}");
+        let mut lines = Vec::new();
+        if !results.interrupted {
+            lines.extend(judged.then(|| results.answer(&claims)));
+            lines.extend(accuracy::sentences(&results.accuracy));
+            lines.push(summary::checks_in_words(&checks));
         }
-        text += &format!("\n{}\n{}", summary::checks_in_words(&checks), files::shown(&report));
-        files::print(text.trim_start())?;
+        lines.push(files::shown(&report));
+        files::print(&lines.join("\n"))?;
         if let Some(first) = &checks.first_difference {
             let count = checks.differences;
             bail!(CheckFailed(format!("strategies disagree, {count} times, first {first}")));

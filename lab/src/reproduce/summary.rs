@@ -96,16 +96,6 @@ fn strategy(name: &str, facts: &SceneFacts, rows: &[&Row]) -> Option<StrategySum
     })
 }
 
-/// A line for each claim.
-pub(crate) fn claims_in_lines(claims: &[Claim]) -> String {
-    let first = |c: &Claim| match c.first_verdict {
-        first if first == c.verdict => String::new(),
-        first => format!(" (by the bounds written first: {})", first.words()),
-    };
-    let line = |c: &Claim| format!("{:18}  {}: {}{}", c.verdict.words(), c.claim, c.ours, first(c));
-    claims.iter().map(line).collect::<Vec<_>>().join("\n")
-}
-
 /// Verdicts, and what accuracy costs, as Markdown tables for a document.
 pub(crate) fn tables(results: &Results, claims: &[Claim]) -> String {
     let (machine, settings) = (&results.machine, &results.settings);

@@ -89,6 +89,7 @@ impl Table {
         match (self.count(&holds), self.len()) {
             (1, 1) => format!("{what} in the only scene"),
             (n, all) if n == all => format!("{what} in every scene"),
+            (0, _) => format!("{what} in no scene: {}", self.except(holds)),
             (n, all) => format!("{what} in {n} of {all} scenes; not in {}", self.except(holds)),
         }
     }

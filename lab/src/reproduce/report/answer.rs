@@ -1,6 +1,6 @@
 //! What a run says in two sentences: whether rotations pay, and which strategy to use.
 
-use crate::reproduce::claims::{Table, frame_time};
+use crate::reproduce::claims::{Claim, Table, Verdict, frame_time};
 use crate::reproduce::contestants::Contestant;
 use crate::reproduce::record::mean_frame_ms;
 use crate::reproduce::results::{Results, SceneRun, Spread};
@@ -19,24 +19,37 @@ pub(super) fn speedup(scene: &SceneRun) -> Option<f64> {
 
 /// Whether rotations pay, in which scenes, by how much.
 pub(super) fn headline(results: &Results) -> String {
-    let ratios = Table::of(results.moving(), speedup);
+    let mut ratios = Table::of(results.moving(), speedup);
+    for (name, ratio) in ratios.rows.iter_mut().filter(|row| row.1 < 1.0 / NOISE) {
+        *name += &format!(" (frames take {:.2} times as long)", 1.0 / *ratio);
+    }
     let pays = |ratio: f64| ratio > NOISE;
-    let mut text = match Spread::of(ratios.rows.iter().map(|row| row.1).filter(|&ratio| pays(ratio))) {
+    match Spread::of(ratios.rows.iter().map(|row| row.1).filter(|&ratio| pays(ratio))) {
         None if ratios.rows.is_empty() => {
-            return "This run does not compare rotations with refitting alone.".to_owned();
+            "This run does not compare rotations with refitting alone.".to_owned()
         }
-        None => "Rotations pay in no scene.".to_owned(),
+        None => ratios.scenes_where("Rotations pay", pays) + ".",
         Some(Spread { min, max, .. }) => {
             let [least, most] = [min, max].map(|ratio| format!("{ratio:.*}", usize::from(ratio < 9.95)));
             let range = if least == most { most } else { format!("{least} to {most}") };
             let what = format!("Rotations pay: frames are {range} times as fast as with refitting alone");
             ratios.scenes_where(&what, pays) + "."
         }
-    };
-    for (name, ratio) in ratios.rows.iter().filter(|row| row.1 < 1.0 / NOISE) {
-        text += &format!(" In {name} frames take {:.2} times as long with them.", 1.0 / ratio);
     }
-    text
+}
+
+impl Results {
+    /// Tally of verdicts, headline and advice, for the terminal.
+    pub(crate) fn answer(&self, claims: &[Claim]) -> String {
+        let count = |verdict| claims.iter().filter(|claim| claim.verdict == verdict).count();
+        let kinds = [Verdict::Holds, Verdict::HoldsInPart, Verdict::DoesNotHoldHere, Verdict::NotRun];
+        let [hold, part, fail, rest] = kinds.map(count);
+        let is_quick = self.settings.preset == "quick";
+        let quick = if is_quick { " (hints, not results: quick measures little)" } else { "" };
+        let advice = advice(self).map_or(String::new(), |(name, how)| format!("\nUse {name}: {how}"));
+        let tally = format!("{hold} hold, {part} in part, {fail} do not, {rest} were not run{quick}");
+        format!("Of the paper's claims {tally}.\n{}{advice}", headline(self))
+    }
 }
 
 /// How a strategy does over all scenes: frame time over that of the fastest strategy of each.
@@ -85,7 +98,7 @@ pub(super) fn advice(results: &Results) -> Option<(&str, String)> {
         "its frames take {:.2} times as long as those of the fastest strategy of each scene{}. {} {}, {:.2}{}.",
         pick.mean,
         worst(pick),
-        if other.mean < pick.mean { "Better by less than noise:" } else { "Next best:" },
+        if other.mean <= NOISE * pick.mean { "No clear winner; within 5 % is" } else { "Next best:" },
         other.strategy,
         other.mean,
         worst(other),
@@ -123,10 +136,10 @@ mod tests {
         );
         let mixed = run(&[4.0, 9.0, 19.0]);
         assert!(
-            mixed.contains("in 1 of 3 scenes; not in b, c. In c frames take 2.00 times as long"),
+            mixed.ends_with("in 1 of 3 scenes; not in b, c (frames take 2.00 times as long)."),
             "{mixed}"
         );
-        assert_eq!(run(&[9.0, 9.1]), "Rotations pay in no scene.");
+        assert_eq!(run(&[9.0, 9.1]), "Rotations pay in no scene: a, b.");
         assert!(run(&[]).contains("does not compare"));
     }
 
@@ -151,6 +164,8 @@ mod tests {
         );
         assert!(how.contains("auto: 2.25 ("), "{how}");
         assert!(!how.contains("ideal"), "what is not simply measured is no advice");
+        let close = results(vec![scene("a", &two(9.0, 3.1, 3.0))]);
+        assert!(advice(&close).unwrap().1.contains("No clear winner; within 5 % is refit+rotate, 1.0"));
         assert_eq!(advice(&results(Vec::new())), None);
     }
 }
