@@ -74,7 +74,7 @@ fn an_interrupted_run_says_how_to_go_on() {
     let run = Command::new(env!("CARGO_BIN_EXE_xtask"))
         .args(all)
         .stderr(Stdio::piped())
-        .stdout(Stdio::null())
+        .stdout(Stdio::piped())
         .spawn();
     let run = Running::new(run);
     let rows = || fs::read_to_string(out.join("frames.csv")).map_or(0, |rows| rows.lines().count());
@@ -87,6 +87,8 @@ fn an_interrupted_run_says_how_to_go_on() {
     let ended = run.wait_with_output().expect("the end");
     let said = String::from_utf8_lossy(&ended.stderr);
     assert_eq!(ended.status.code(), Some(130), "{said}");
+    assert_eq!(String::from_utf8_lossy(&ended.stdout).trim(), format!("{path}/report.html"), "no verdicts");
+    refused(&all, &["unfinished run", "--resume", "--out"]);
     let command =
         said.lines().find_map(|line| line.split_once("Go on with: cargo xtask ")).expect("how to go on").1;
     assert!(command.ends_with("--resume"), "{said}");
@@ -168,7 +170,7 @@ fn results_are_resumed_and_drawn_again() {
     killed["scenes"].as_array_mut().expect("scenes").truncate(1);
     killed["interrupted"] = true.into();
     fs::write(out.join("summary.json"), killed.to_string()).expect("written");
-    refused(&run(sheet, path, &["--resume", "--seed", "1"]), &["other than now", "--resume", "settings"]);
+    refused(&run(sheet, path, &["--resume", "--seed", "1"]), &["other than now", "--out", "settings"]);
     let (_elsewhere, namesake) = folder();
     refused(&run(str(&namesake), path, &["--resume"]), &["other than now", "scenes"]);
     succeeds(&run(sheet, path, &["--resume"]));

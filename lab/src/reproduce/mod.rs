@@ -124,6 +124,7 @@ pub fn run(args: &Args) -> Result<()> {
         saved.ensure_same(&results, &folder)?;
         results.accuracy = take_over(saved, &mut entries);
     } else {
+        saved::ensure_ended(&folder)?;
         if args.resume {
             let folder = folder.display();
             files::remark(&format!("note: {folder} holds no run to resume; starting a new one"));

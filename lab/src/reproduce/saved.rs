@@ -73,6 +73,18 @@ pub(super) fn load(folder: &Path) -> Result<Saved> {
     Ok(Saved { results, rest })
 }
 
+/// Refuses a folder with an unfinished run: a new one would discard its rows.
+pub(super) fn ensure_ended(folder: &Path) -> Result<()> {
+    let summary = fs::read(folder.join("summary.json")).unwrap_or_default();
+    let summary: Value = serde_json::from_slice(&summary).unwrap_or_default();
+    ensure!(
+        summary["interrupted"] != true,
+        "{}: holds an unfinished run; go on with --resume, or empty the folder, or name another --out",
+        folder.display()
+    );
+    Ok(())
+}
+
 /// Checks that no rows are missing of a scene that counts as finished.
 fn ensure_rows(file: &Path, label: &str, found: usize, expected: usize) -> Result<()> {
     ensure!(
@@ -117,7 +129,7 @@ impl Saved {
         ] {
             ensure!(
                 same,
-                "{}: holds rows measured with {what} other than now; leave --resume out to start again, or name \
+                "{}: holds rows measured with {what} other than now; empty the folder to start again, or name \
                  another --out",
                 folder.display()
             );
