@@ -75,6 +75,9 @@ const SUPPLEMENTS: [(&str, &[&str], &[&str]); 2] = [
     ("exploding-dragon", &[BLENDED], &["refit", SPEED_STRATEGY, "refit+rotate+regrow", contestants::IDEAL]),
 ];
 
+/// Load above which times are noisy.
+const QUIET: f64 = 0.5;
+
 /// How much of a scene is played for what its effects cost: they are compared with one another, so
 /// small scenes and pictures do (`cargo xtask effects` plays more).
 const EFFECTS: Played = Played { detail: 0.05, frames: 6, size: 128, seed: 0 };
@@ -136,6 +139,11 @@ pub fn run(args: &Args) -> Result<()> {
     files::remove_old(&out.file("report.html"))?;
     let mut bench = Bench::new(args, &results, &out, &entries)?;
 
+    if let Some(load) = results.machine.load.filter(|&load| load > QUIET) {
+        files::remark(&format!(
+            "warning: the load was {load:.2} processes before the run; times will be noisy"
+        ));
+    }
     let (start, count) = (Instant::now(), entries.len());
     let finished = entries.iter().filter(|entry| entry.before.facts.finished).count();
     for (i, entry) in entries.into_iter().enumerate() {
