@@ -5,7 +5,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anim::printable;
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, anyhow, ensure};
 
 /// The root of the workspace.
 pub fn workspace() -> &'static Path {
@@ -40,17 +40,23 @@ pub(crate) fn ensure_replaceable(path: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Checks before a measurement that a file can be written after it; makes its folder.
+/// Checks before long work that a file can be written after it; makes its folder.
 pub(crate) fn ensure_writable(path: &Path) -> Result<()> {
     make_folder(folder_of(path))?;
-    ensure_replaceable(path)
+    ensure_replaceable(path)?;
+    if path.exists() { Ok(()) } else { write_whole(path, b"").and_then(|()| remove_old(path)) }
 }
 
 /// Writes a file under a short temporary name beside its final place and renames it.
 pub(crate) fn write_whole(path: &Path, content: &[u8]) -> Result<()> {
     ensure_replaceable(path)?;
     let written = scenes::write_whole(folder_of(path), path, content);
-    written.with_context(|| format!("{}: cannot be written", path.display()))
+    written.map_err(|error| {
+        // The error also names the temporary file, which users do not know.
+        let error = error.to_string();
+        let cause = error.split(" at path ").next().unwrap_or_default();
+        anyhow!("{}: cannot be written: {cause}", path.display())
+    })
 }
 
 /// Writes a file whole, and prints its name.

@@ -4,7 +4,7 @@ use std::ops::Range;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail, ensure};
-use bvh_core::Bvh;
+use bvh_core::{Bvh, Triangles};
 use bvh_update::{Strategy, Updater};
 use image::codecs::gif::{GifEncoder, Repeat};
 use image::{Delay, Frame, RgbaImage};
@@ -28,7 +28,7 @@ pub struct Args {
     #[arg(long, value_name = "A..B", value_parser = range)]
     frames: Option<Range<usize>>,
     /// How the tree is brought to the frame: updates run from frame 0, rebuilds build the frame's
-    /// own tree
+    /// own tree; see `list`
     #[arg(long, value_name = "NAME", default_value = "refit+rotate")]
     strategy: Strategy,
     /// Size of the image in pixels
@@ -116,6 +116,8 @@ pub fn run(args: &Args) -> Result<()> {
         count - 1
     );
     let wanted = args.frames.clone().unwrap_or(frame..frame + 1);
+    // Before anything long begins.
+    files::ensure_writable(&target.file(&stage::label(&args.scene), wanted.start))?;
     for note in &scene.notes {
         files::remark(&format!("note: {note}"));
     }
@@ -123,11 +125,6 @@ pub fn run(args: &Args) -> Result<()> {
     files::remark(&format!("a frame runs {}", stages.join(", ")));
     for (stage, why) in scene.stage_reasons() {
         files::remark(&format!("  {}: {why}", stage.name()));
-    }
-    // Before anything long begins.
-    match &target {
-        Target::Folder(folder) => files::make_folder(folder)?,
-        Target::File(file) | Target::Film(file) => files::ensure_writable(file)?,
     }
     let mut stage = pool.install(|| stage::ready(scene))?;
     pool.install(|| frames(args, &target, &mut stage, wanted))
@@ -157,6 +154,9 @@ fn frames(args: &Args, target: &Target, stage: &mut Stage, wanted: Range<usize>)
         let updated = stage.update(&mut tree, &mut updater);
         updated.with_context(|| format!("{label}, frame {frame}"))?;
         if wanted.contains(&frame) {
+            if frame == wanted.start {
+                remark_on_broken(&stage.triangles());
+            }
             if !args.flat {
                 stage.smooth();
             }
@@ -190,6 +190,16 @@ fn frames(args: &Args, target: &Target, stage: &mut Stage, wanted: Range<usize>)
     let light = scenes::Effects { light, ..Default::default() };
     files::remark(&format!("effects: {light}; samples: {samples}"));
     Ok(())
+}
+
+/// Says how many triangles no ray can hit. An update that nothing calls for does not count them.
+fn remark_on_broken(triangles: &Triangles<'_>) {
+    let is_broken =
+        |corners: &&[u32; 3]| corners.iter().any(|&i| !triangles.positions[i as usize].is_finite());
+    let (broken, all) = (triangles.indices.iter().filter(is_broken).count(), triangles.indices.len());
+    if broken > 0 {
+        files::remark(&format!("note: {broken} of {all} triangles are not finite and are never hit"));
+    }
 }
 
 /// An image, with room for one of its samples, and how it is taken.

@@ -109,6 +109,10 @@ fn bad_input_is_refused_in_one_line_that_helps() {
     }
     refused(&["render", sheet, "--out", str(&base.join("frame.bmp"))], &[".bmp", ".png"]);
     refused(&["render", sheet, "--out", str(&below_file)], &["below"]);
+    if cfg!(target_os = "linux") {
+        refused(&["render", sheet, "--out", "/proc/x.png"], &["/proc/x.png: cannot be written"]);
+        refused(&["render", sheet, "--out", "/proc/"], &["/proc/sheet-0000.png"]);
+    }
     let mut left: Vec<_> =
         fs::read_dir(base).expect("readable").map(|e| e.expect("readable").file_name()).collect();
     left.sort();
