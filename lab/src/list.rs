@@ -68,7 +68,8 @@ fn text(listing: &Value) -> String {
             };
             let name = entry.as_str().or(entry["name"].as_str()).unwrap_or_default();
             let fact = |(key, value): (&String, &Value)| {
-                let is_shown = key != "name" && !value.is_null();
+                // The plan follows from the effects; how many bytes a scene takes is for programs.
+                let is_shown = !["name", "plan", "key_bytes"].contains(&key.as_str()) && !value.is_null();
                 is_shown.then(|| format!("{}: {}", key.replace('_', " "), words(value)))
             };
             let facts: Vec<_> = entry.as_object().into_iter().flatten().filter_map(fact).collect();

@@ -29,7 +29,7 @@ pub struct Args {
     /// Frames in a loop
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u32).range(2..=100))]
     per_loop: u32,
-    /// Fraction of the triangles, where the scene can be made coarser
+    /// Fraction of the triangles, where the scene can be made coarser [default: 1]
     #[arg(long, value_name = "F")]
     detail: Option<f32>,
     #[command(flatten)]

@@ -71,7 +71,7 @@ pub struct Args {
     /// Frames in a loop [default: by preset]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     frames: Option<u32>,
-    /// Loops, not necessarily whole [default: by preset]
+    /// Loops, for example 1.5 [default: by preset]
     #[arg(long, value_name = "X", value_parser = loops)]
     loops: Option<f64>,
     /// Pixels on each side of the image; `accuracy` takes 512 at most without --preset full
