@@ -88,6 +88,10 @@ pub(crate) fn web(args: &Web) -> Result<()> {
     }
     // A library has no beginning of its own: this one sets up memory and threads once.
     let libraries = output("rustc", &["--print", "target-libdir", "--target", TARGET])?;
+    ensure!(
+        Path::new(&libraries).exists(),
+        "no libraries for {TARGET}; `rustup target add {TARGET}` installs them"
+    );
     let start = format!("link-arg={libraries}/self-contained/crt1-reactor.o");
     let flags: Vec<_> =
         FLAGS.into_iter().chain([start.as_str()]).map(|flag| format!("\"-C\",\"{flag}\"")).collect();
@@ -97,10 +101,7 @@ pub(crate) fn web(args: &Web) -> Result<()> {
     if interrupt::requested() {
         return Ok(());
     }
-    ensure!(
-        status.success(),
-        "the page cannot be built, as cargo says above; without the target `rustup target add {TARGET}` helps"
-    );
+    ensure!(status.success(), "the page cannot be built, as cargo says above");
     let module = files::read(&target.join(TARGET).join("release/viewer_web.wasm"))?;
     let mut page = vec![("viewer.wasm.gz", pack(&module)?), (KEYS, pack(&key_frames(root)?)?)];
     for name in ["index.html", "worker.js", "isolate.js"] {

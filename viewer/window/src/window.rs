@@ -24,7 +24,8 @@ const NOTCH: f32 = 40.0;
 
 /// Shows the window until it is closed.
 pub(crate) fn run(args: &Args, settings: Settings) -> Result<()> {
-    let event_loop = EventLoop::<Event>::with_user_event().build().context(
+    // Its error names a line of a library, which helps nobody.
+    let event_loop = EventLoop::<Event>::with_user_event().build().ok().context(
         "no display for a window (on Linux an X server, named by DISPLAY); --out FILE draws without one",
     )?;
     let mut state = State::new(args.size.0, args.size.1, load::names(&args.scene), CLOCK);
