@@ -66,9 +66,9 @@ pub(crate) struct Ledger {
     /// hardly better.
     pub(crate) last_excess: f64,
     /// Updates since the last repair or rebuild, or the last new tree that was hardly better.
-    pub(crate) since_repair: u32,
-    /// Subtrees that the last repair kept; 0 if there was none.
-    pub(crate) kept: u32,
+    pub(crate) frames: u32,
+    /// Subtrees below the last new top; 0 if there was none.
+    pub(crate) subtrees: u32,
     /// Rebuilds in a row, each soon after the one before.
     pub(crate) rebuilds_in_a_row: u32,
     /// 0 or 1: whether a repair would be too large, the builder was the fast one.

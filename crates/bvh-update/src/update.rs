@@ -51,7 +51,7 @@ pub struct Updater {
 impl Updater {
     /// Memory that refits and rotations keep, in bytes for each thread that takes part: the same
     /// for all trees that it updates, until it ends. More, if primitives start tasks of their own.
-    pub const THREAD_MEMORY: usize = refit::KEPT;
+    pub const THREAD_MEMORY: usize = refit::THREAD_MEMORY;
 
     /// An updater that uses the best SIMD level of this machine.
     #[must_use]

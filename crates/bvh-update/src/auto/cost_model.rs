@@ -1,7 +1,7 @@
 //! What work costs, in nanoseconds of one core: the one table that [`Auto`](super::Auto) decides
 //! by.
 //!
-//! Only ratios matter to decisions, and they vary little between machines.
+//! Only ratios matter to decisions, unless a load is a time, and they vary little between machines.
 //! `cargo run --release -p pivot-benches --example unit_costs` prints the prices for the machine at
 //! hand, over a regular sheet whose tree is in cache. The constants are of the six scenes, which
 //! are less regular: `cargo xtask compare update --threads 1` (EPYC Zen 4, 2026-11-23, revision
@@ -90,7 +90,9 @@ pub enum Load {
     /// As many visits of nodes as the packets of rays since the last update report. A node that a
     /// packet visits counts once, however many of its rays go there.
     PacketNodes(u64),
-    /// As much time of one core as the queries since the last update took.
+    /// As much time of one core as the queries since the last update took. It is compared with the
+    /// times of work on one machine (`auto/cost_model.rs`): where yours is slower, trees are repaired
+    /// too often. Visits have no such error.
     Time(Duration),
 }
 

@@ -5,7 +5,7 @@
 //! seen    = pass(tree, primitives)      refit and rotate, and note what that shows
 //! ledger.charge(seen)                   what queries lose to this tree
 //! plan    = decide(ledger, seen)        pure: policy.rs
-//! outcome = execute(plan)               a new top, a new tree, or nothing
+//! outcome = execute(plan)               a new top, a new tree, or nothing, where neither costs less
 //! ledger learns from the outcome
 //! ```
 //!
@@ -36,7 +36,8 @@ use policy::{LEAST_GAIN, Observation, Plan, decide, decide_blindly, pays_every_f
 pub struct Auto {
     /// What will be asked of the tree before the next update; by default two rays in coherent
     /// packets for each pixel of 1024 x 1024. [`Updater::report`](crate::Updater::report) changes
-    /// it from frame to frame.
+    /// it from frame to frame. Report for a tree of a few thousand primitives: so many rays make
+    /// frequent rebuilds of it pay.
     pub load: Load,
 }
 
@@ -54,7 +55,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
 ) -> Result<Update, UpdateError> {
     State::of_mut(parts(bvh).state).expect_measure(Measure::AREAS);
     workspace.passes.with_sums = true;
-    let Ledger { last_excess, since_repair: frames, .. } = State::of(bvh).ledger;
+    let Ledger { last_excess, frames, .. } = State::of(bvh).ledger;
     let count = primitives.len() as f64;
     let queries = QueryCost::new(auto.load, count, last_excess);
     let is_another_number = primitives.len() != bvh.len();
@@ -163,7 +164,7 @@ fn rebuild<P: Primitives + ?Sized>(
         State::of(tree).baseline.measured_cost()
     });
     if new_cost >= (1.0 - LEAST_GAIN) * old_cost {
-        State::of_mut(parts(bvh).state).ledger = Ledger::kept(&before, builder);
+        State::of_mut(parts(bvh).state).ledger = Ledger::kept_old_tree(&before, builder);
         return Ok(Update { decision: Decision::Kept { builder }, ..tally.report(bvh) });
     }
     std::mem::swap(bvh, &mut scratch.beside);

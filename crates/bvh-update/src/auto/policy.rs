@@ -1,7 +1,7 @@
 //! What to do about a tree: a pure function of what was lost so far and what a pass has seen.
 //!
-//! Each remedy has an account of what its absence has cost
-//! ([`SkiRental`](crate::ski_rental::SkiRental)), and is due once that exceeds its price:
+//! Repairs and rebuilds each have an account of what was lost since the last one
+//! ([`SkiRental`](crate::ski_rental::SkiRental)), and are due once that exceeds their price:
 //!
 //! ```text
 //! a new top         lost: excess of the tree over its baseline      price: finding the frontier, building the top
@@ -19,6 +19,8 @@ use crate::state::Ledger;
 /// the looks chaos that ends leaves bart-museum with trees of up to 1.27 times the cost of a new
 /// one (`docs/ABLATION.md`, periodic looks).
 const LOOK_AGAIN: u32 = 16;
+/// Rebuilds in a row after which the next ones are blind: one may be chance; not tuned.
+const BLIND_AFTER: u32 = 2;
 /// A subtree is opened if that pays within the frames since the last repair, but at most within
 /// this many. With 8 and the rules of then, `auto` took 1.11 times as long as the best single
 /// strategy on exploding-dragon, now 1.03 (`cargo xtask compare frame --scene exploding-dragon
@@ -45,7 +47,7 @@ pub(super) struct Observation {
 impl Observation {
     /// The builder for a new tree now, and what that costs.
     fn rebuild(&self, ledger: &Ledger) -> (Builder, f64) {
-        let builder = self.queries.builder(self.primitives, ledger.since_repair);
+        let builder = self.queries.builder(self.primitives, ledger.frames);
         (builder, cost_model::rebuild(builder, self.primitives))
     }
 }
@@ -54,8 +56,8 @@ impl Observation {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Plan {
     Keep,
-    /// Build the tree again above the subtrees whose excess, as part of the baseline, is at most
-    /// `threshold`. If there are more than `most`, or none is above it, a new tree by `or_rebuild`;
+    /// Build the tree again above the subtrees whose excess is at most `threshold`, in the same
+    /// units as that of the tree. If there are more than `most`, or none is above it, a new tree by `or_rebuild`;
     /// without that the tree stays, and one with too many is beyond repair until it is rebuilt.
     Repair {
         threshold: f64,
@@ -66,11 +68,11 @@ pub(super) enum Plan {
 }
 
 /// The builder of a tree that is built without a pass before, since trees were bad again at once:
-/// after two rebuilds in a row, each soon enough that one in every frame is cheaper, but for a look
-/// now and then.
+/// after [`BLIND_AFTER`] rebuilds in a row, each soon enough that one in every frame is cheaper, but
+/// for a look now and then.
 pub(super) fn decide_blindly(ledger: &Ledger, primitives: f64, queries: QueryCost) -> Option<Builder> {
     let row = ledger.rebuilds_in_a_row;
-    (row > 1 && !row.is_multiple_of(LOOK_AGAIN)).then(|| queries.builder(primitives, 1))
+    (row >= BLIND_AFTER && !row.is_multiple_of(LOOK_AGAIN)).then(|| queries.builder(primitives, 1))
 }
 
 /// Whether a new tree in every frame costs less than passes and a new tree now and then.
@@ -81,7 +83,7 @@ pub(super) fn decide_blindly(ledger: &Ledger, primitives: f64, queries: QueryCos
 /// ```
 pub(super) fn pays_every_frame(ledger: &Ledger, seen: &Observation) -> bool {
     let (_, price_of_rebuild) = seen.rebuild(ledger);
-    let frames = f64::from(ledger.since_repair.max(1));
+    let frames = f64::from(ledger.frames.max(1));
     let rate = 2.0 * ledger.repair.lost() / (frames * (frames + 1.0));
     let cycle = cost_model::pass(seen.nodes) + (2.0 * price_of_rebuild * rate).sqrt();
     cycle > seen.queries.rebuild_every_frame(seen.primitives)
@@ -94,10 +96,12 @@ pub(super) fn pays_every_frame(ledger: &Ledger, seen: &Observation) -> bool {
 /// An example: a tree over 100,000 triangles costs 9 % more than it did, and the load is two packet
 /// rays for each of a million pixels. Each frame loses 2^21 rays * 25 ns * 0.4 * 0.09 = 1.9 ms. A
 /// new top costs 200,000 nodes * 9 ns and 6,000 subtrees * 400 ns, which is 4.2 ms: it is due in
-/// the third frame.
+/// the third frame. At twice the cost a frame loses 21 ms: a new top is due at once, and a new tree
+/// at 100,000 triangles * 85 ns as well. Then the top is tried first, and a tree is built if there is
+/// no such top, or none that costs less.
 pub(super) fn decide(ledger: &Ledger, seen: &Observation) -> (Plan, Reason) {
     let (builder, price_of_rebuild) = seen.rebuild(ledger);
-    let price_of_repair = cost_model::repair(seen.nodes, ledger.kept);
+    let price_of_repair = cost_model::repair(seen.nodes, ledger.subtrees);
     let because = |account: SkiRental, price: f64| {
         let ms = 1e-6;
         Reason {
@@ -117,7 +121,7 @@ pub(super) fn decide(ledger: &Ledger, seen: &Observation) -> (Plan, Reason) {
     let for_repair =
         if ledger.is_beyond_repair == 0 { because(ledger.repair, price_of_repair) } else { for_rebuild };
     if ledger.is_beyond_repair == 0 && ledger.repair.is_due(price_of_repair) {
-        let frames = f64::from(ledger.since_repair.clamp(1, LONGEST_PAYBACK)) * ledger.repair.patience();
+        let frames = f64::from(ledger.frames.clamp(1, LONGEST_PAYBACK)) * ledger.repair.patience();
         let threshold = TOP_SUBTREE / (seen.queries.lost(1.0) * frames);
         let most = cost_model::most_subtrees(seen.nodes, cost_model::rebuild(Builder::Ploc, seen.primitives));
         return (Plan::Repair { threshold, most, or_rebuild: rebuild }, for_repair);
@@ -131,19 +135,17 @@ impl Ledger {
         self.repair.charge(seen.queries.lost(seen.excess));
         self.rebuild.charge(seen.queries.lost(seen.excess));
         // A fast build in the place of a fast build gains nothing.
-        if self.is_fast_build != 0
-            && seen.queries.builder(seen.primitives, self.since_repair) != Builder::Lbvh
-        {
+        if self.is_fast_build != 0 && seen.queries.builder(seen.primitives, self.frames) != Builder::Lbvh {
             self.rebuild.charge(seen.queries.lost_to_fast_build());
         }
-        self.since_repair = self.since_repair.saturating_add(1);
+        self.frames = self.frames.saturating_add(1);
     }
 
     /// A new top stands above `subtrees` subtrees.
     pub(super) fn repaired(&mut self, subtrees: usize) {
         self.repair.paid_off();
         self.rebuild.paid_off();
-        (self.kept, self.since_repair) = (subtrees as u32, 0);
+        (self.subtrees, self.frames) = (subtrees as u32, 0);
         (self.rebuilds_in_a_row, self.is_beyond_repair, self.last_excess) = (0, 0, 0.0);
     }
 
@@ -151,16 +153,16 @@ impl Ledger {
     /// in a row with the rebuild before.
     pub(super) fn rebuilt(before: &Self, builder: Builder, is_soon: bool) -> Self {
         Self {
-            kept: before.kept,
-            rebuilds_in_a_row: if is_soon { before.rebuilds_in_a_row.saturating_add(1) } else { 0 },
+            subtrees: before.subtrees,
+            rebuilds_in_a_row: if is_soon { before.rebuilds_in_a_row.wrapping_add(1) } else { 0 },
             is_fast_build: u32::from(builder == Builder::Lbvh),
             ..Self::default()
         }
     }
 
     /// A new tree by `builder` is hardly better than the one with the ledger `before`, which counts as
-    /// good as by that builder from now on. Both remedies wait.
-    pub(super) fn kept(before: &Self, builder: Builder) -> Self {
+    /// good as by that builder from now on. Repairs and rebuilds wait.
+    pub(super) fn kept_old_tree(before: &Self, builder: Builder) -> Self {
         let Self { mut repair, mut rebuild, .. } = *before;
         repair.failed();
         rebuild.failed();
@@ -182,7 +184,7 @@ mod tests {
 
     /// A ledger that nothing is due in, after ten quiet frames.
     fn quiet() -> Ledger {
-        Ledger { since_repair: 10, ..Ledger::default() }
+        Ledger { frames: 10, ..Ledger::default() }
     }
 
     /// A ledger after one frame.
@@ -262,7 +264,7 @@ mod tests {
 
     #[test]
     fn a_fast_build_is_replaced_by_a_good_one() {
-        let mut ledger = Ledger { is_fast_build: 1, since_repair: 0, ..quiet() };
+        let mut ledger = Ledger { is_fast_build: 1, frames: 0, ..quiet() };
         let rebuilds = (0..100).find_map(|frame| {
             ledger.charge(&seen(0.0));
             match decide(&ledger, &seen(0.0)).0 {
@@ -275,13 +277,14 @@ mod tests {
 
     #[test]
     fn a_tree_that_was_kept_waits_longer_and_counts_as_good_as_the_new_one() {
-        let mut before = Ledger { kept: 9, is_beyond_repair: 1, rebuilds_in_a_row: 1, ..quiet() };
+        let mut before = Ledger { subtrees: 9, is_beyond_repair: 1, rebuilds_in_a_row: 1, ..quiet() };
         before.rebuild.charge(1e9);
         for (builder, is_fast_build) in [(Builder::Ploc, 0), (Builder::Lbvh, 1)] {
-            let mut after = Ledger::kept(&before, builder);
+            let mut after = Ledger::kept_old_tree(&before, builder);
             assert_eq!([after.repair, after.rebuild].map(SkiRental::patience), [2.0; 2]);
             assert_eq!([after.rebuild.lost(), after.last_excess], [0.0; 2]);
-            let words = [after.kept, after.is_fast_build, after.is_beyond_repair, after.rebuilds_in_a_row];
+            let words =
+                [after.subtrees, after.is_fast_build, after.is_beyond_repair, after.rebuilds_in_a_row];
             assert_eq!(words, [9, is_fast_build, 0, 0]);
             after.repaired(7);
             assert_eq!([after.repair, after.rebuild].map(SkiRental::patience), [1.0; 2]);
@@ -297,8 +300,8 @@ mod tests {
     #[test]
     fn a_tree_that_is_bad_at_once_had_better_be_new_in_every_frame() {
         let bad = cost_model::rebuild(Builder::Ploc, N) / seen(0.0).queries.lost(1.0);
-        let pays = |since_repair, excess| {
-            let ledger = after(Ledger { since_repair, ..quiet() }, &seen(excess));
+        let pays = |frames, excess| {
+            let ledger = after(Ledger { frames, ..quiet() }, &seen(excess));
             pays_every_frame(&ledger, &seen(excess))
         };
         // As much in a hundred frames is no reason.

@@ -20,6 +20,7 @@
 //! take_baseline       a tree that has none: built, given by the caller, or measured by another strategy before
 //! repair::open_grown  a new top: the references of dynamic nodes, as if what grew below had not; leaves and
 //!                     static nodes at what they cost now
+//! repair::update      no subtree worth opening: raised to what the tree costs now
 //! auto::observe       a tree that costs less than its baseline: `Auto` lowers the baseline to that
 //! auto::rebuild       a tree that is hardly worse than a new one: it counts as good
 //! ```

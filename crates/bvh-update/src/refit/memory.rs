@@ -23,7 +23,7 @@ thread_local! {
 }
 
 /// Bytes that each thread keeps, or more if it needed more.
-pub(crate) const KEPT: usize = BLOCKS * size_of::<Block>() + size_of::<Lists>();
+pub(crate) const THREAD_MEMORY: usize = BLOCKS * size_of::<Block>() + size_of::<Lists>();
 
 /// Zeroed by the allocator, which writes nothing where pages are new: a small tree then touches few
 /// of them.

@@ -38,7 +38,7 @@ mod scalar;
 mod shared;
 
 pub(crate) use linear::detect_linear;
-pub(crate) use memory::KEPT;
+pub(crate) use memory::THREAD_MEMORY;
 pub(crate) use shared::{SharedNodes, parts, share};
 
 pub use self::cost::BlockCost;

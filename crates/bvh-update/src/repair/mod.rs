@@ -119,7 +119,7 @@ pub(crate) fn open_grown(
 ) -> Repaired {
     let scale = State::of(bvh).baseline.scale;
     frontier::find(bvh, scale, threshold, most, &mut scratch.walk);
-    // Leaves and what stands still below the new top have no references.
+    // Leaves and what stands still below the new top count as what they cost now.
     let others = (tally.leaf_area + bvh.static_area() - scratch.walk.found.static_cost) / scale;
     let repaired = rebuild_top(bvh, others, scale, most, scratch);
     tally.has_sums &= !matches!(repaired, Repaired::Top { .. });
