@@ -190,12 +190,15 @@ impl Node {
         }
     }
 
-    /// Sets height and dynamic bit from the children and keeps the box.
+    /// Sets height and dynamic bit from the children and keeps the box, unless there is nothing in
+    /// it: what has no primitives is static, so no update would make that box tight.
     #[inline]
     pub(crate) fn refit_metadata(&mut self, l: &Self, r: &Self) {
         let aabb = self.aabb();
         self.refit(l, r);
-        self.set_aabb(aabb);
+        if !self.aabb().is_empty() {
+            self.set_aabb(aabb);
+        }
     }
 
     /// The parent of `l` and `r`, which are or will be the child nodes `left` and `left + 1`.

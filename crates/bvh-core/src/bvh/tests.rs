@@ -204,3 +204,12 @@ fn a_leaf_without_primitives_has_no_box() {
     assert!(bvh.nodes()[3].aabb().is_empty());
     bvh.validate(&[BOX]).expect("tight");
 }
+
+/// Nor do they visit the nodes above.
+#[test]
+fn a_node_over_nothing_has_no_box() {
+    let nodes = [Node::inner(BOX, 2), Node::NOTHING, Node::leaf(BOX, 0, 1), Node::inner(BOX, 4)];
+    let bvh = Bvh::new(&[&nodes[..], &[Node::NOTHING; 2]].concat(), vec![0]).expect("a tree");
+    assert!(bvh.nodes()[3].aabb().is_empty());
+    bvh.validate(&[BOX]).expect("tight");
+}
