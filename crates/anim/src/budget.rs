@@ -35,7 +35,7 @@ impl Budget {
     }
 
     fn limit(&self) -> u64 {
-        self.input.get().saturating_mul(BYTES_PER_BYTE).saturating_add(FREE_BYTES)
+        self.input.get().saturating_mul(BYTES_PER_BYTE).saturating_add(FREE_BYTES).min(isize::MAX as u64)
     }
 
     pub(crate) fn left(&self) -> u64 {

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use glam::Vec3;
 
-use crate::{Animation, Model, Motion, PoseStats, Problem};
+use crate::{Animation, Model, Motion, Part, PoseStats, Problem};
 
 /// Time from one key frame to the next where nothing else is known, in seconds.
 pub const DEFAULT_SECONDS_PER_FRAME: f64 = 1.0 / 24.0;
@@ -36,8 +36,9 @@ impl KeyFrames {
     /// one more frame.
     ///
     /// # Errors
-    /// If a frame does not have one position for each vertex, a triangle or a part names a vertex
-    /// that is not there, or the time is not positive.
+    /// If a frame does not have one position for each vertex, a triangle or a part names a
+    /// vertex or a material that is not there, a triangle is not in one part, or the time is not positive
+    /// and finite.
     pub fn new(mut model: Model, more: Vec<Vec<Vec3>>, seconds_per_frame: f64) -> Result<Self, Problem> {
         if !(seconds_per_frame > 0.0 && seconds_per_frame.is_finite()) {
             let found = format!("{seconds_per_frame} seconds from one to the next");
@@ -51,10 +52,18 @@ impl KeyFrames {
             return Err(Problem::new(place, found, format!("{count}, one for each vertex")));
         }
         let corners_exist = topology.triangles.as_flattened().iter().all(|&corner| (corner as usize) < count);
-        let exist = |vertices: &Range<u32>| vertices.start <= vertices.end && vertices.end as usize <= count;
-        if !corners_exist || !topology.parts.iter().all(|part| exist(&part.vertices)) {
-            let found = "a triangle or a part of other vertices";
-            return Err(Problem::new("topology", found, format!("those below {count}")));
+        let exist = |range: &Range<u32>, count| range.start <= range.end && range.end as usize <= count;
+        let mut covered = 0;
+        let fits = |part: &Part| {
+            exist(&part.vertices, count)
+                && exist(&part.triangles, topology.triangles.len())
+                && std::mem::replace(&mut covered, part.triangles.end) == part.triangles.start
+                && (part.material as usize) < topology.materials.len()
+        };
+        let parts_fit = topology.parts.iter().all(fits) && covered as usize == topology.triangles.len();
+        if !corners_exist || !parts_fit {
+            let expected = "vertices and materials that are there, and each triangle in one part";
+            return Err(Problem::new("topology", "triangles or parts of others", expected));
         }
 
         let mut moves = vec![false; rest.len()];
@@ -75,7 +84,7 @@ impl KeyFrames {
         topology.moves = topology.triangles.iter().map(|corners| corners.iter().any(corner_moves)).collect();
         for part in &mut topology.parts {
             let moves = moves[part.vertices.start as usize..part.vertices.end as usize].contains(&true);
-            part.motion.set(Motion::KEY_FRAMES, moves);
+            part.motion = if moves { Motion::KEY_FRAMES } else { Motion::empty() };
         }
         let way = (frames.len() - 1) as f64 * seconds_per_frame;
         model.duration = if moving.is_empty() { 0.0 } else { way };
@@ -159,7 +168,7 @@ fn runs(flags: &[bool]) -> Vec<Range<usize>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Material, Part, Topology};
+    use crate::{Material, Topology};
 
     /// A still triangle (vertices 0 to 2) and one whose last two vertices move.
     fn model(rest: Vec<Vec3>) -> Model {
@@ -272,11 +281,15 @@ mod tests {
             let expected = format!("key frame {number}: found 5 positions, expected 6, one for each vertex");
             assert_eq!(key_frames(frames, 1.0).unwrap_err().to_string(), expected);
         }
-        let mut models = [(); 2].map(|()| model(frame(0.0)));
+        let mut models = [(); 5].map(|()| model(frame(0.0)));
         models[0].topology.triangles[1][2] = 6;
         models[1].topology.parts[1].vertices = 3..7;
+        models[2].topology.parts[1].triangles = 1..3;
+        models[3].topology.parts[0].material = 7;
+        models[4].topology.parts.truncate(1);
         for model in models {
-            let expected = "topology: found a triangle or a part of other vertices, expected those below 6";
+            let expected = "topology: found triangles or parts of others, expected vertices and materials \
+                            that are there, and each triangle in one part";
             assert_eq!(KeyFrames::new(model, Vec::new(), 1.0).unwrap_err().to_string(), expected);
         }
         for seconds in [0.0, -1.0, f64::NAN, f64::INFINITY] {
