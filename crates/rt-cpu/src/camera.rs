@@ -9,7 +9,8 @@ use crate::simd::load;
 /// A pinhole camera over an image of `width` by `height` pixels.
 ///
 /// The ray through the centre of pixel `x`, `y`, counted from the top left, goes from `eye` along
-/// `corner + right (x + 0.5) + down (y + 0.5)`.
+/// `corner + right (x + 0.5) + down (y + 0.5)`. All these directions must be of lengths between 1e-18
+/// and 1e18; pictures through others are not defined.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     /// Where it stands.
@@ -34,7 +35,7 @@ fn direction(v: Vec3) -> Option<Vec3> {
 
 impl Camera {
     /// A camera at `eye` that has `target` in the middle of its image and sees `fov_y` radians from
-    /// the lower to the upper edge. The part of `up` across the view points up in the image;
+    /// the lower to the upper edge, between 0 and pi. The part of `up` across the view points up in the image;
     /// coordinates are right-handed.
     ///
     /// Looks along -z if `target` is `eye`, and takes another vector if `up` is parallel to the

@@ -99,15 +99,15 @@ impl Wavefront<'_> {
         let mut paths = THESE_PATHS.take().unwrap_or_else(zeroed_box);
         paths.start(tile, frame.options.seed);
         tile.appearance.open.fill(if self.effects.diffuse_bounces.is_some() { 0.0 } else { 1.0 });
-        for wave in 0.. {
+        for bounce in 0.. {
             self.shader.find_appearance(tile, tally);
             if let Some(occlusion) = self.effects.ambient_occlusion {
                 tally.end(|t| &mut t.primary);
-                self.look_around::<S, T>(simd, frame, tile, &paths, (occlusion, wave), tally);
+                self.look_around::<S, T>(simd, frame, tile, &paths, (occlusion, bounce), tally);
                 tally.end(|t| &mut t.ambient_occlusion);
             }
             self.see(simd, tile, &mut paths);
-            self.reflect(frame, tile, &mut paths, wave, tally);
+            self.reflect(frame, tile, &mut paths, bounce, tally);
             let rays = tile.seen.count;
             if rays == 0 {
                 break;
@@ -159,7 +159,7 @@ impl Wavefront<'_> {
         frame: &Frame<'_>,
         tile: &mut Tile,
         paths: &Paths,
-        (AmbientOcclusion { samples, distance }, wave): (AmbientOcclusion, u32),
+        (AmbientOcclusion { samples, distance }, bounce): (AmbientOcclusion, u32),
         tally: &mut Tally,
     ) {
         let first = u64::from(frame.options.sample) * u64::from(samples);
@@ -169,7 +169,7 @@ impl Wavefront<'_> {
             }
             let from = off_surface(tile, i);
             let (face, normal) = (at(&tile.surfaces.face, i), at(&tile.appearance.normal, i));
-            let stream = paths.streams[usize::from(paths.whose[i])].split(wave);
+            let stream = paths.streams[usize::from(paths.whose[i])].split(bounce);
             let mut hidden = 0;
             for n in 0..samples {
                 let direction = cosine_direction(normal, stream.even(first + u64::from(n)));
@@ -202,7 +202,7 @@ impl Wavefront<'_> {
     }
 
     /// Replaces the rays of a wave by those of the next.
-    fn reflect(&self, frame: &Frame<'_>, tile: &mut Tile, paths: &mut Paths, wave: u32, tally: &mut Tally) {
+    fn reflect(&self, frame: &Frame<'_>, tile: &mut Tile, paths: &mut Paths, bounce: u32, tally: &mut Tally) {
         let (mut next, sample, stats) = (0, frame.options.sample, &mut tally.stats);
         for i in 0..tile.seen.count {
             let Some(hit) = tile.seen.hit(i) else { continue };
@@ -222,7 +222,7 @@ impl Wavefront<'_> {
                 }
                 let stream = paths.streams[usize::from(paths.whose[i])];
                 let random = stream.split(sample);
-                let first_number = wave.wrapping_mul(NUMBERS);
+                let first_number = bounce.wrapping_mul(NUMBERS);
                 if bounces > SURE_BOUNCES {
                     let survival = weight.max_element().min(GREATEST_SURVIVAL);
                     if random.uniform(first_number) >= survival {
