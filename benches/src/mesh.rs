@@ -26,8 +26,15 @@ impl Mesh {
 
     /// Fills `boxes` with what `make` makes of each triangle's box and number.
     pub(crate) fn boxes_into<T: Send>(&self, boxes: &mut Vec<T>, make: impl Fn(Aabb, u32) -> T + Sync) {
-        let all = (0..self.indices.len()).into_par_iter().with_min_len(4096);
-        all.map(|i| make(self.aabb(i), i as u32)).collect_into_vec(boxes);
+        let count = self.indices.len();
+        // Rayon counts what it collects, which a rival on one thread should not pay for.
+        if rayon::current_num_threads() == 1 {
+            boxes.clear();
+            boxes.extend((0..count).map(|i| make(self.aabb(i), i as u32)));
+        } else {
+            let all = (0..count).into_par_iter().with_min_len(4096);
+            all.map(|i| make(self.aabb(i), i as u32)).collect_into_vec(boxes);
+        }
     }
 
     /// Box of a triangle as users of these libraries would make it at best: with SIMD, and without
