@@ -160,8 +160,9 @@ fn arrows_between_crates_go_one_way() {
     assert_eq!(check("newcomer", "glam", "null").len(), 1);
     let mut cargo = Command::new(env!("CARGO"));
     let cargo = cargo.args(["metadata", "--format-version", "1", "--no-deps"]).current_dir(workspace());
-    let printed = String::from_utf8(cargo.output().expect("cargo").stdout).expect("text");
-    assert_eq!(violations(&printed), Vec::<String>::new());
+    let output = cargo.output().expect("cargo");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(violations(str::from_utf8(&output.stdout).expect("text")), Vec::<String>::new());
 }
 
 #[test]

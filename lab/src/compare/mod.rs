@@ -169,13 +169,14 @@ fn ensure_used(args: &Args) -> Result<()> {
     let name = what.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned());
     let (is_timed, plays) = (what != What::Hard, what.contests().contains(&Contest::Frame));
     let traces = is_timed && ![What::Update, What::Build].contains(&what);
+    let timed = "update, build, trace, incoherent or frame";
     for (option, given, used, by) in [
-        ("--scene", !args.scenes.is_empty(), is_timed, "what is timed"),
-        ("--only", !args.only.is_empty(), is_timed, "what is timed"),
-        ("--threads", !args.threads.is_empty(), is_timed, "what is timed"),
-        ("--frames", args.frames.is_some(), is_timed, "what is timed"),
-        ("--json", args.json.is_some(), is_timed, "what is timed"),
-        ("--chart", args.chart.is_some(), is_timed, "what is timed"),
+        ("--scene", !args.scenes.is_empty(), is_timed, timed),
+        ("--only", !args.only.is_empty(), is_timed, timed),
+        ("--threads", !args.threads.is_empty(), is_timed, timed),
+        ("--frames", args.frames.is_some(), is_timed, timed),
+        ("--json", args.json.is_some(), is_timed, timed),
+        ("--chart", args.chart.is_some(), is_timed, timed),
         ("--runs", args.runs > 1, plays, "frame, which plays loops"),
         ("--size", args.size.is_some(), traces, "trace, incoherent or frame, which trace an image"),
     ] {

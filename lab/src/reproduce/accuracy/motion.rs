@@ -74,7 +74,8 @@ pub(super) fn steps(log: &mut Log<'_>) -> Result<()> {
                 Point { note, ..Point::new(&format!("{name} step"), &setting, steps == own, time_ms) };
             for key in COMPARED.into_iter().chain([keys - 1]) {
                 let time = key as f64 / (keys - 1) as f64;
-                let far = distance(&*scene.animation, &*converged, [time]).context("other vertices")?;
+                let far = distance(&*scene.animation, &*converged, [time])
+                    .context("other vertices, or none that is finite")?;
                 let error_name = format!("rms distance to steps {finer} times finer");
                 let point = Point { knob: format!("{name} step at key frame {key}"), ..point.clone() };
                 log.add(point.with(&error_name, far.rms, "of the extent"))?;
@@ -109,7 +110,8 @@ pub(super) fn key_frames(log: &mut Log<'_>) -> Result<()> {
         let (_, fine) = scenes.pop().context("no reference")?;
         for (spaces, scene) in scenes {
             let times = (0..moments).map(|moment| f64::from(moment) / f64::from(moments - 1));
-            let far = distance(&*scene.animation, &*fine.animation, times).context("other vertices")?;
+            let far = distance(&*scene.animation, &*fine.animation, times)
+                .context("other vertices, or none that is finite")?;
             let mut pose = Pose::new(Motion::all(), &*scene.animation);
             let duration = scene.animation.duration();
             let mut moment = 0.0;
