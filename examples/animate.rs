@@ -4,9 +4,7 @@
 use std::error::Error;
 use std::time::Instant;
 
-use bvh_build::{Builder, build};
-use bvh_core::{Triangles, Vec3, sah_cost};
-use bvh_update::{Rotate, Strategy, Updater};
+use pivot_bvh::{Builder, Rotate, Strategy, Triangles, Updater, Vec3, build, sah_cost};
 use pivot_examples::sphere;
 
 fn main() -> Result<(), Box<dyn Error>> {

@@ -5,9 +5,7 @@
 use std::error::Error;
 use std::ops::ControlFlow;
 
-use bvh_build::{Builder, build};
-use bvh_core::{Aabb, Vec3};
-use bvh_update::{Load, Updater};
+use pivot_bvh::{Aabb, Builder, Load, Updater, Vec3, build};
 
 const BALLS: usize = 20_000;
 const RADIUS: f32 = 0.2;

@@ -1,12 +1,10 @@
 //! Builds a tree over the triangles of a sphere, casts a grid of rays at it and draws what they
 //! hit.
 
-use bvh_build::{Builder, build};
-use bvh_core::{Ray, Triangles, Vec3, stats};
+use pivot_bvh::{BuildError, Builder, Ray, TriangleTest, Triangles, Vec3, build, closest_hit, stats};
 use pivot_examples::sphere;
-use rt_cpu::{TriangleTest, closest_hit};
 
-fn main() -> Result<(), bvh_build::BuildError> {
+fn main() -> Result<(), BuildError> {
     let (positions, indices) = sphere(200);
     let triangles = Triangles { positions: &positions, indices: &indices };
 

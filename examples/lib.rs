@@ -4,11 +4,11 @@
 //! * `animate`: keep a tree good while its triangles move, by refitting and rotating,
 //! * `broad_phase`: overlapping boxes, for the collision loop of a physics engine.
 //!
-//! Run one with `cargo run --release --example cast_rays`. This library holds the meshes they
+//! Run one with `cargo run --release -p pivot-examples --example cast_rays`. This library holds the meshes they
 //! share.
 #![forbid(unsafe_code)]
 
-use bvh_core::Vec3;
+use pivot_bvh::Vec3;
 
 /// A sphere of radius 1 around the origin: positions, and `2 * rings * rings` triangles, seen from
 /// outside.

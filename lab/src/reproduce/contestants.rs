@@ -192,7 +192,8 @@ mod tests {
     fn auto_is_told_the_load() {
         let indices: Vec<_> = (0..300).map(|i| [0, 1, 2].map(|corner| 3 * i + corner)).collect();
         let position = |v: u32, spread| [v / 3, v / 3 * spread * 7 % 300, v % 3].map(|x| x as f32).into();
-        let positions = [0, 1].map(|spread| (0..900).map(|v| position(v, spread)).collect::<Vec<bvh_core::Vec3>>());
+        let positions =
+            [0, 1].map(|spread| (0..900).map(|v| position(v, spread)).collect::<Vec<bvh_core::Vec3>>());
         let [before, after] = [0, 1].map(|i| Triangles { positions: &positions[i], indices: &indices });
         let lost_ms = |rays| {
             let mut tree = bvh_build::build(&before, Builder::Ploc).unwrap();
