@@ -87,7 +87,7 @@ impl Scene {
                 let moving = topology.moves.iter().filter(|&&moves| moves).count();
                 format!("{moving} of {} triangles move", topology.moves.len())
             }
-            FrameStage::Primary => "the eye sees".to_owned(),
+            FrameStage::Primary => "rays from the eye".to_owned(),
             FrameStage::Light(LightEffects::ALPHA) => {
                 parts(&|part| material(part).cutoff.is_some(), "have holes")
             }
@@ -98,7 +98,7 @@ impl Scene {
             FrameStage::Light(LightEffects::SHADOWS) if self.animation.light(0.0).is_some() => {
                 "the file has a light".to_owned()
             }
-            FrameStage::Light(LightEffects::SHADOWS) => "the scene is lit".to_owned(),
+            FrameStage::Light(LightEffects::SHADOWS) => "the scene has a light".to_owned(),
             FrameStage::Light(_) => "asked for".to_owned(),
         };
         self.effects.stages().map(|stage| (stage, reason(stage))).collect()
