@@ -9,30 +9,30 @@
 //! for PLOC. By `compare frame` of that revision pictures took 3 to 7 % longer with LBVH than with
 //! PLOC, and by `--example loads` single rays no longer.
 //!
-//! `unit_costs` on a machine with slower memory (EPYC Zen 3, virtual, AVX2, 2026-11-24, two runs):
+//! `unit_costs`, two runs each (Zen 4: AVX-512, revision a8fd55b, 2026-11-29, beside other work; Zen 3,
+//! slower memory: virtual, AVX2, 2026-11-24):
 //!
 //! ```text
-//! constant         printed
-//! NODE             28 to 31; of a query 20 to 112
-//! FRONTIER_NODE    1 to 11
-//! TOP_SUBTREE      1046 to 1691
-//! GOOD_BUILD       121 to 123
-//! FAST_BUILD       41 to 63
-//! PACKET_RAY       90 to 97
-//! SINGLE_RAY       1992 to 2356
-//! PACKET_NODE      207 to 224
-//! PAIRS            222 to 356
-//! FAST_BUILD_LOSS  0.02 to 0.05; single rays 0.08 to 0.12
-//! PACKET_SLOPE     0.35; single rays 0.86; both in a tree of 16 times the cost
+//! constant         here   Zen 4                        Zen 3
+//! NODE             15     13; of a query 19 to 67      28 to 31; of a query 20 to 112
+//! FRONTIER_NODE    9      12                           1 to 11
+//! TOP_SUBTREE      400    415 to 460                   1046 to 1691
+//! GOOD_BUILD       85     57 to 59                     121 to 123
+//! FAST_BUILD       32     22 to 25                     41 to 63
+//! PACKET_RAY       25     33                           90 to 97
+//! SINGLE_RAY       1000   1352 to 1402                 1992 to 2356
+//! PACKET_NODE      90     75                           207 to 224
+//! PAIRS            100    216 to 247                   222 to 356
+//! FAST_BUILD_LOSS  0.05   0.02 to 0.04; single rays 0.05 to 0.08   0.02 to 0.05; single rays 0.08 to 0.12
+//! PACKET_SLOPE     0.4    0.54; single rays 0.72       0.35; single rays 0.86; in a tree of 16 times the cost
 //! ```
 //!
-//! Beside a pass, builds cost less there than is assumed here, a new top 1.4 to 2.1 times as much.
-//! Passes have become faster since: in one run each NODE was 15.2, and 17.5 with the passes of
-//! d2c5478 (EPYC Zen 3, 2026-11-27).
+//! Prices of work are those of the six scenes, above. Those of rays and pairs are lower than printed
+//! here, so `auto` repairs rather late; higher ones were not tried.
 //!
-//! On Zen 4 `unit_costs` prints 60 ns for a packet's node. It is 90 here: with 60 the mean frame of
-//! cloth-ball took 4 to 9 % longer, those of BrainStem and exploding-dragon as long (`compare frame
-//! --frames 24 --threads 2`, two runs each on a quiet machine, 2026-11-23). With 45 and 65 ns
+//! Before, `unit_costs` printed 60 ns for a packet's node on Zen 4. It is 90 here: with 60 the mean
+//! frame of cloth-ball took 4 to 9 % longer, those of BrainStem and exploding-dragon as long
+//! (`compare frame --frames 24 --threads 2`, two runs each on a quiet machine, 2026-11-23). With 45 and 65 ns
 //! bart-museum took 4 to 8 % longer than LBVH in every frame, with 90 as long; no other scene
 //! differed (`reproduce fig6`, two runs each in turns, 2147e3a, 2026-11-26). A price of 700 or 1000
 //! ns for a subtree gained nothing on lion and exploding-dragon (2026-11-25).
