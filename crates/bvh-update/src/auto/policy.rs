@@ -17,9 +17,12 @@ use crate::state::Ledger;
 
 /// One in this many rebuilds in a row is made after a pass that looks whether it is needed. Without
 /// the looks chaos that ends leaves bart-museum with trees of up to 1.27 times the cost of a new
-/// one (`docs/ABLATION.md`, periodic looks).
+/// one (`docs/ABLATION.md`, periodic looks). With 8, 32 and 64 trees cost
+/// 1.01, 1.08 and 1.15 of a new one there, for 1.05, and frames take as long within the noise
+/// (`docs/TUNING.md`).
 const LOOK_AGAIN: u32 = 16;
-/// Rebuilds in a row after which the next ones are blind: one may be chance; not tuned.
+/// Rebuilds in a row after which the next ones are blind: one may be chance. With 1 and 4
+/// frames take as long within the noise (`docs/TUNING.md`).
 const BLIND_AFTER: u32 = 2;
 /// A subtree is opened if that pays within the frames since the last repair, but at most within
 /// this many. With 8 and the rules of then, `auto` took 1.11 times as long as the best single
