@@ -290,7 +290,7 @@ fn main() {
     let threads = threads.map_or(1, |n| n.parse().expect("a number of threads"));
     let is_cold = flags.iter().any(|f| f == "--cold");
     let other_data = &mut vec![0; if is_cold { 8 << 20 } else { 0 }][..];
-    // They leave guards out, where they were given in this way.
+    // Guards are left out by these flags.
     let compiled_with = option_env!("RUSTFLAGS").unwrap_or_default();
     let prices = Prices::measured();
     let Prices { join, theft } = prices;

@@ -35,8 +35,8 @@ fn direction(v: Vec3) -> Option<Vec3> {
 
 impl Camera {
     /// A camera at `eye` that has `target` in the middle of its image and sees `fov_y` radians from
-    /// the lower to the upper edge, between 0 and pi. The part of `up` across the view points up in the image;
-    /// coordinates are right-handed.
+    /// the lower to the upper edge, between 0 and pi. The part of `up` across the view points up in
+    /// the image; coordinates are right-handed.
     ///
     /// Looks along -z if `target` is `eye`, and takes another vector if `up` is parallel to the
     /// view. With NaN or infinite input its rays hit nothing.

@@ -30,8 +30,8 @@ pub(crate) fn set(a: &mut Coordinates, i: usize, v: Vec3) {
     }
 }
 
-/// Rays from one origin, unless the paths have their own (`wavefront.rs`), and what became of them; of a ray that hits nothing the primitive is
-/// [`Wave::NO_HIT`].
+/// Rays from one origin, unless the paths have their own (`wavefront.rs`), and what became of them.
+/// The primitive of a ray that hits nothing is [`Wave::NO_HIT`].
 #[repr(C, align(64))]
 #[derive(Zeroable)]
 pub(crate) struct Wave {

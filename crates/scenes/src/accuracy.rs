@@ -21,7 +21,8 @@ pub struct Distance {
 /// This is the error of the accuracy knob
 /// [`SceneOptions::key_frames`](crate::SceneOptions::key_frames) where `fine` is the same scene
 /// with many more of them and as many simulation steps in all. Positions that are not finite in
-/// either are left out. `None` if the two do not have the same vertices, none of them moves, none is finite, or there is no time.
+/// either are left out. `None` if the two do not have the same vertices, none
+/// of them moves, none is finite, or there is no time.
 /// O(vertices * times).
 #[must_use]
 pub fn distance(

@@ -56,8 +56,8 @@ pub(crate) fn sum<const N: usize>(nodes: &[Node], term: &(impl Fn(&Node) -> [f64
 /// A tree whose cost falls to this part of its baseline in one frame is of a scene that was
 /// scattered and is compact again, as in the jump from the last frame of a loop to its first: it
 /// may be better than its baseline and still 24 times worse than a new one
-/// (`auto_follows_boxes_that_scatter_and_meet_again` in `tests/repairs.rs` plays that; any part from 0.25 to
-/// 0.9 passes it, 0.1 does not: `docs/TUNING.md`).
+/// (`auto_follows_boxes_that_scatter_and_meet_again` in `tests/repairs.rs` plays that). Any part from
+/// 0.25 to 0.9 passes this test, 0.1 does not (`docs/TUNING.md`).
 const COMPACT_AGAIN: f64 = 0.5;
 
 /// A node's part in what a baseline needs: the cost, that of dynamic and of static leaves, the
