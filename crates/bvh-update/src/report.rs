@@ -64,6 +64,9 @@ pub enum Decision {
         /// The builder used.
         builder: Builder,
     },
+    /// A repair was tried and given up: no new top was better, or it would have stood above too many
+    /// subtrees. The old tree stays, refitted and rotated.
+    Unrepaired,
     /// A tree from the background took the place of this one.
     Swap,
 }
@@ -91,6 +94,7 @@ impl fmt::Display for Decision {
         match self {
             Self::AsAlways => f.write_str("as always"),
             Self::PartialRebuild { subtrees } => write!(f, "built again above {subtrees} subtrees"),
+            Self::Unrepaired => f.write_str("kept: a new top is no better or too large"),
             Self::Swap => f.write_str("a tree built in the background took over"),
             Self::Kept { builder } => write!(f, "kept: a new tree by {} is hardly better", builder.name()),
             Self::Rebuild { builder } => write!(f, "built again by {}", builder.name()),

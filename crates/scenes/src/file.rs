@@ -13,6 +13,8 @@ use crate::{Effects, LightEffects, Scene, SceneOptions, Simulated, SimulationSta
 
 /// Times at which the bounds of an animation are taken.
 const BOUND_SAMPLES: usize = 32;
+/// Distance of a default view over that from which what is shown touches the edge of the image.
+const MARGIN: f32 = 1.04;
 /// Frames per second of animations that do not come with a number of frames.
 const FRAME_RATE: f64 = 24.0;
 /// Frames of an animation that lasts longer are further apart.
@@ -78,11 +80,11 @@ pub fn scene_of(path: &Path, animation: Box<dyn Animation>) -> Scene {
 
 fn default_view(animation: &dyn Animation) -> (View, Light) {
     let (low, high) = bounds(animation);
-    let (center, radius) = (0.5 * low + 0.5 * high, 0.5 * low.distance(high));
-    if !(low.cmple(high).all() && radius.is_finite() && radius > 0.0) {
-        return framing(Vec3::ZERO, 1.0);
+    let (center, half) = (0.5 * low + 0.5 * high, 0.5 * high - 0.5 * low);
+    if !(low.cmple(high).all() && half.length().is_finite() && half != Vec3::ZERO) {
+        return framing(Vec3::ZERO, Vec3::ONE);
     }
-    room::inside(animation, low, high).unwrap_or_else(|| framing(center, radius))
+    room::inside(animation, low, high).unwrap_or_else(|| framing(center, half))
 }
 
 /// The corners of the box around all finite positions of what moves, or of all if nothing does, at
@@ -105,15 +107,22 @@ fn bounds(animation: &dyn Animation) -> (Vec3, Vec3) {
     (low, high)
 }
 
-/// A three-quarter view from slightly above that holds a sphere in an image at least as wide as
+/// A three-quarter view from slightly above that just holds a box in an image at least as wide as
 /// high, and a light above the eye and beside it.
-fn framing(center: Vec3, radius: f32) -> (View, Light) {
+fn framing(center: Vec3, half: Vec3) -> (View, Light) {
     let fov_y = 40_f32.to_radians();
-    let direction = vec3(0.62, 0.38, 0.69).normalize();
-    let eye = center + direction * (radius / libm::sinf(0.5 * fov_y));
-    let back = eye - center;
-    let aside = Vec3::Y.cross(back).normalize_or_zero();
-    let light = eye + (0.6 * Vec3::Y - 0.6 * aside) * back.length();
+    let back = vec3(0.62, 0.38, 0.69).normalize();
+    let right = Vec3::Y.cross(back).normalize();
+    let (up, slope) = (back.cross(right), libm::tanf(0.5 * fov_y));
+    // A corner is in the image if it is no further aside, nor up or down, than its depth allows.
+    let distance = |corner: Vec3| {
+        let aside = right.dot(corner).abs().max(up.dot(corner).abs());
+        back.dot(corner) + aside / slope
+    };
+    let sign = |set: i32| if set == 0 { 1.0 } else { -1.0 };
+    let corners = (0..8).map(|i| half * vec3(sign(i & 1), sign(i & 2), sign(i & 4)));
+    let eye = center + back * (MARGIN * corners.map(distance).fold(0.0, f32::max));
+    let light = eye + (0.6 * Vec3::Y - 0.6 * right) * (3.0 * half.length());
     (View { eye, target: center, up: Vec3::Y, fov_y }, Light { position: light, color: [1.0; 3] })
 }
 

@@ -133,7 +133,7 @@ fn execute<P: Primitives + ?Sized>(
                 (Repaired::TooLarge, None) => ledger.is_beyond_repair = 1,
                 (Repaired::Nothing, None) => ledger.repair.failed(),
             }
-            Decision::AsAlways
+            Decision::Unrepaired
         }
     };
     Ok(Update { decision, ..tally.report(bvh) })

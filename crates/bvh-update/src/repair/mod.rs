@@ -98,7 +98,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
         Repaired::Nothing => {
             // Wait until as much is lost again.
             State::of_mut(parts(bvh).state).baseline.cost = finite_or_zero(cost / scale);
-            Ok(tally.report(bvh))
+            Ok(Update { decision: Decision::Unrepaired, ..tally.report(bvh) })
         }
         Repaired::Top { subtrees } => {
             Ok(Update { decision: Decision::PartialRebuild { subtrees }, ..tally.report(bvh) })
