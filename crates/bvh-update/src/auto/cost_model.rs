@@ -28,7 +28,7 @@
 //! ```
 //!
 //! Prices of work are those of the six scenes, above. Those of rays and pairs are lower than printed
-//! here: higher ones gain nothing, and `PAIRS` at half loses (`docs/TUNING.md`, prices of loads).
+//! here: higher ones gain no more than the noise, `PAIRS` at half loses (`docs/TUNING.md`, prices of loads).
 //!
 //! Before, `unit_costs` printed 60 ns for a packet's node on Zen 4. It is 90 here: with 60 the mean
 //! frame of cloth-ball took 4 to 9 % longer, those of BrainStem and exploding-dragon as long

@@ -26,8 +26,8 @@ const LOOK_AGAIN: u32 = 16;
 const BLIND_AFTER: u32 = 2;
 /// A subtree is opened if that pays within the frames since the last repair, but at most within
 /// this many. With 8 and the rules of then, `auto` took 1.11 times as long as the best single
-/// strategy on exploding-dragon, now 1.03 (Zen 4, 14e2b80, 2026-11-23: `cargo xtask compare frame --scene exploding-dragon
-/// --frames 24 --threads 2`).
+/// strategy on exploding-dragon, now 1.03 (Zen 4, 14e2b80, 2026-11-23: `cargo xtask compare frame
+/// --scene exploding-dragon --frames 24 --threads 2`).
 const LONGEST_PAYBACK: u32 = 32;
 /// A new tree has to cost less than the old one by this part to take its place. `docs/ABLATION.md`
 /// has what other values are worth.

@@ -20,8 +20,7 @@ const FORKED: u32 = 8;
 /// Fewest subtrees for a task to copy; not tuned.
 const GRAIN: usize = 1024;
 
-/// How many pairs ahead their places are fetched.
-// Half and double: docs/TUNING.md.
+/// How many pairs ahead their places are fetched; not tuned.
 const AHEAD: usize = 16;
 
 /// Builds the tree again above the frontier that was found, if there are at most `most` subtrees to
