@@ -133,6 +133,28 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_default_view_holds_all_corners_and_little_else() {
+        let shapes = [vec3(1.0, 1.0, 1.0), vec3(5.0, 0.1, 2.0), vec3(0.0, 0.0, 1.0), vec3(1.0, 1e6, 1.0)];
+        for (shape, size) in shapes.into_iter().flat_map(|s| [1e-12, 1.0, 1e12].map(|size| (s, size))) {
+            let (half, center) = (shape * size, vec3(3.0, -2.0, 1.0) * size);
+            let (View { eye, target, up, fov_y }, light) = framing(center, half);
+            let ahead = (target - eye).normalize();
+            let right = ahead.cross(up).normalize();
+            let corners = [-1.0, 1.0].map(|x| [-1.0, 1.0].map(|y| [-1.0, 1.0].map(|z| vec3(x, y, z) * half)));
+            // 1 at the edge of a square image.
+            let places = corners.as_flattened().as_flattened().iter().map(|corner| {
+                let seen = (center + *corner - eye) / eye.distance(center);
+                let aside = right.dot(seen).abs().max(right.cross(ahead).dot(seen).abs());
+                assert!(ahead.dot(seen) > 0.0, "{half}: {corner} lies behind the eye");
+                aside / ahead.dot(seen) / (0.5 * fov_y).tan()
+            });
+            let outermost = places.fold(0.0, f32::max);
+            assert!((0.9..0.999).contains(&outermost), "{half}: {outermost}");
+            assert!(light.position.is_finite());
+        }
+    }
+
+    #[test]
     fn an_animation_of_any_length_has_a_number_of_frames() {
         for (seconds, frames) in [(2.0, 49), (1e17, 1_000_001), (8e17, 1_000_001), (1e300, 1_000_001)] {
             let topology = Topology {
