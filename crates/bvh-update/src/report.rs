@@ -64,23 +64,25 @@ pub enum Decision {
         /// The builder used.
         builder: Builder,
     },
-    /// A repair was tried and given up: no new top was better, or it would have stood above too many
-    /// subtrees. The old tree stays, refitted and rotated.
+    /// A repair was due, but not made: no subtree was worth opening, the new top cost no less, or it
+    /// would have stood above too many subtrees or made the tree too high. The old tree stays:
+    /// refitted, and rotated if the strategy rotates.
     Unrepaired,
     /// A tree from the background took the place of this one.
     Swap,
 }
 
 /// What [`Auto`](crate::Auto) compared. Once `lost_ms` exceeds `price_ms`, it tries a new top. If a
-/// new top was too large before, it tries a new tree instead. If no subtree is worth opening, the
-/// tree stays, unless a new tree is due as well. Where the baseline of a tree says nothing, a new
-/// tree is tried in any case. The old tree may [stay](Decision::Kept).
+/// new top was too large before, it tries a new tree instead. If no subtree is worth opening, or the
+/// new top costs no less, the old tree stays ([`Unrepaired`](Decision::Unrepaired)), unless a new
+/// tree is due as well. Where the baseline of a tree says nothing, a new tree is tried in any case.
+/// The old tree may stay then, too ([`Kept`](Decision::Kept)).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct Reason {
     /// Milliseconds of one core that queries have lost to the excess cost of the tree since it was
-    /// last repaired, built or [kept](Decision::Kept); for a repair, also since one that found nothing
-    /// worth opening. Where a fast build is to be replaced, what queries lose to that is included.
+    /// last repaired, built or [kept](Decision::Kept); for a repair, also since one that found no
+    /// better top. Where a fast build is to be replaced, what queries lose to that is included.
     pub lost_ms: f64,
     /// Milliseconds of one core that the repair or the rebuild takes, doubled after one that failed.
     pub price_ms: f64,

@@ -13,8 +13,11 @@ use crate::{Effects, LightEffects, Scene, SceneOptions, Simulated, SimulationSta
 
 /// Times at which the bounds of an animation are taken.
 const BOUND_SAMPLES: usize = 32;
-/// Distance of a default view over that from which what is shown touches the edge of the image.
+/// The eye of a default view stands this many times as far off as it must for the box to fit.
 const MARGIN: f32 = 1.04;
+/// Least width over height of the images that a default view fits: half of a window of 16 to 9, which
+/// shows two trees.
+const NARROWEST: f32 = 8.0 / 9.0;
 /// Frames per second of animations that do not come with a number of frames.
 const FRAME_RATE: f64 = 24.0;
 /// Frames of an animation that lasts longer are further apart.
@@ -80,9 +83,12 @@ pub fn scene_of(path: &Path, animation: Box<dyn Animation>) -> Scene {
 
 fn default_view(animation: &dyn Animation) -> (View, Light) {
     let (low, high) = bounds(animation);
-    let (center, half) = (0.5 * low + 0.5 * high, 0.5 * high - 0.5 * low);
-    if !(low.cmple(high).all() && half.length().is_finite() && half != Vec3::ZERO) {
+    if !low.cmple(high).all() {
         return framing(Vec3::ZERO, Vec3::ONE);
+    }
+    let (center, half) = (0.5 * low + 0.5 * high, 0.5 * high - 0.5 * low);
+    if half == Vec3::ZERO {
+        return framing(center, Vec3::ONE);
     }
     room::inside(animation, low, high).unwrap_or_else(|| framing(center, half))
 }
@@ -107,22 +113,25 @@ fn bounds(animation: &dyn Animation) -> (Vec3, Vec3) {
     (low, high)
 }
 
-/// A three-quarter view from slightly above that just holds a box in an image at least as wide as
-/// high, and a light above the eye and beside it.
+/// A three-quarter view from slightly above in which a box fits every image that is at least
+/// [`NARROWEST`], and a light above the eye and beside it.
 fn framing(center: Vec3, half: Vec3) -> (View, Light) {
     let fov_y = 40_f32.to_radians();
     let back = vec3(0.62, 0.38, 0.69).normalize();
     let right = Vec3::Y.cross(back).normalize();
     let (up, slope) = (back.cross(right), libm::tanf(0.5 * fov_y));
+    // Relative to the size of the box: squares of what is very large or small leave the range of f32.
+    let size = half.max_element();
+    let shape = half / size;
     // A corner is in the image if it is no further aside, nor up or down, than its depth allows.
     let distance = |corner: Vec3| {
-        let aside = right.dot(corner).abs().max(up.dot(corner).abs());
+        let aside = (right.dot(corner).abs() / NARROWEST).max(up.dot(corner).abs());
         back.dot(corner) + aside / slope
     };
     let sign = |set: i32| if set == 0 { 1.0 } else { -1.0 };
-    let corners = (0..8).map(|i| half * vec3(sign(i & 1), sign(i & 2), sign(i & 4)));
-    let eye = center + back * (MARGIN * corners.map(distance).fold(0.0, f32::max));
-    let light = eye + (0.6 * Vec3::Y - 0.6 * right) * (3.0 * half.length());
+    let corners = (0..8).map(|i| shape * vec3(sign(i & 1), sign(i & 2), sign(i & 4)));
+    let eye = center + back * (MARGIN * corners.map(distance).fold(0.0, f32::max)) * size;
+    let light = eye + (0.6 * Vec3::Y - 0.6 * right) * (3.0 * shape.length()) * size;
     (View { eye, target: center, up: Vec3::Y, fov_y }, Light { position: light, color: [1.0; 3] })
 }
 
@@ -135,22 +144,24 @@ mod tests {
     #[test]
     fn a_default_view_holds_all_corners_and_little_else() {
         let shapes = [vec3(1.0, 1.0, 1.0), vec3(5.0, 0.1, 2.0), vec3(0.0, 0.0, 1.0), vec3(1.0, 1e6, 1.0)];
-        for (shape, size) in shapes.into_iter().flat_map(|s| [1e-12, 1.0, 1e12].map(|size| (s, size))) {
-            let (half, center) = (shape * size, vec3(3.0, -2.0, 1.0) * size);
-            let (View { eye, target, up, fov_y }, light) = framing(center, half);
+        for (shape, size) in shapes.into_iter().flat_map(|s| [1e-37, 1.0, 1e30].map(|size| (s, size))) {
+            let center = vec3(3.0, -2.0, 1.0) * size;
+            let (View { eye, target, up, fov_y }, light) = framing(center, shape * size);
+            let [eye, target, light] = [eye, target, light.position].map(|p| (p - center) / size);
             let ahead = (target - eye).normalize();
             let right = ahead.cross(up).normalize();
-            let corners = [-1.0, 1.0].map(|x| [-1.0, 1.0].map(|y| [-1.0, 1.0].map(|z| vec3(x, y, z) * half)));
-            // 1 at the edge of a square image.
+            let corners =
+                [-1.0, 1.0].map(|x| [-1.0, 1.0].map(|y| [-1.0, 1.0].map(|z| vec3(x, y, z) * shape)));
+            // 1 at the edge of the narrowest image.
             let places = corners.as_flattened().as_flattened().iter().map(|corner| {
-                let seen = (center + *corner - eye) / eye.distance(center);
-                let aside = right.dot(seen).abs().max(right.cross(ahead).dot(seen).abs());
-                assert!(ahead.dot(seen) > 0.0, "{half}: {corner} lies behind the eye");
+                let seen = *corner - eye;
+                let aside = (right.dot(seen).abs() / NARROWEST).max(right.cross(ahead).dot(seen).abs());
+                assert!(ahead.dot(seen) > 0.0, "{shape}: {corner} lies behind the eye");
                 aside / ahead.dot(seen) / (0.5 * fov_y).tan()
             });
             let outermost = places.fold(0.0, f32::max);
-            assert!((0.9..0.999).contains(&outermost), "{half}: {outermost}");
-            assert!(light.position.is_finite());
+            assert!((0.9..0.99).contains(&outermost), "{shape}, {size}: {outermost}");
+            assert!(light.is_finite() && light.y > eye.y, "{shape}, {size}: {light}");
         }
     }
 

@@ -27,8 +27,9 @@
 //! PACKET_SLOPE     0.4    0.54; single rays 0.72       0.35; single rays 0.86; in a tree of 16 times the cost
 //! ```
 //!
-//! Prices of work are those of the six scenes, above. Those of rays and pairs are lower than printed
-//! here: higher ones gain no more than the noise, `PAIRS` at half loses (`docs/TUNING.md`, prices of loads).
+//! Prices of work are those of the six scenes, above. Those of packet rays, of single rays and of
+//! pairs are lower than printed here. Higher ones gain no more than the noise; `PAIRS` at half loses
+//! (`docs/TUNING.md`, prices of loads).
 //!
 //! Before, `unit_costs` printed 60 ns for a packet's node on Zen 4. It is 90 here: with 60 the mean
 //! frame of cloth-ball took 4 to 9 % longer, those of BrainStem and exploding-dragon as long

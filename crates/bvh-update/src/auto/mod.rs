@@ -38,7 +38,7 @@ pub struct Auto {
     /// packets for each pixel of 1024 x 1024. [`Updater::report`](crate::Updater::report) changes it
     /// from frame to frame. This default makes `Auto` rebuild a tree of a few thousand primitives
     /// often, so callers should report what they ask of such a tree.
-    // A choice. Half and double: docs/TUNING.md, prices of loads.
+    // Not derived from anything. Half and double: docs/TUNING.md, prices of loads.
     pub load: Load,
 }
 
