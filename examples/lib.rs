@@ -4,8 +4,8 @@
 //! * `animate`: keep a tree good while its triangles move, by refitting and rotating,
 //! * `broad_phase`: overlapping boxes, for the collision loop of a physics engine.
 //!
-//! Run one with `cargo run --release -p pivot-examples --example cast_rays`. This library holds the meshes they
-//! share.
+//! Run one with `cargo run --release -p pivot-examples --example cast_rays`. This library holds the
+//! meshes they share.
 #![forbid(unsafe_code)]
 
 use pivot_bvh::Vec3;

@@ -36,8 +36,8 @@ impl KeyFrames {
     /// one more frame.
     ///
     /// # Errors
-    /// If a frame does not have one position for each vertex, a triangle or a part names a
-    /// vertex or a material that is not there, a triangle is not in one part, or the time is not positive
+    /// If a frame does not have one position for each vertex, a triangle or a part names a vertex
+    /// or a material that is not there, a triangle is not in one part, or the time is not positive
     /// and finite.
     pub fn new(mut model: Model, more: Vec<Vec<Vec3>>, seconds_per_frame: f64) -> Result<Self, Problem> {
         if !(seconds_per_frame > 0.0 && seconds_per_frame.is_finite()) {

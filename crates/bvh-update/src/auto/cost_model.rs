@@ -33,8 +33,8 @@
 //!
 //! Before, `unit_costs` printed 60 ns for a packet's node on Zen 4. It is 90 here: with 60 the mean
 //! frame of cloth-ball took 4 to 9 % longer, those of BrainStem and exploding-dragon as long
-//! (`compare frame --frames 24 --threads 2`, two runs each on a quiet machine, 2026-11-23). With 45 and 65 ns
-//! bart-museum took 4 to 8 % longer than LBVH in every frame, with 90 as long; no other scene
+//! (`compare frame --frames 24 --threads 2`, two runs each on a quiet machine, 2026-11-23). With 45
+//! and 65 ns bart-museum took 4 to 8 % longer than LBVH in every frame, with 90 as long; no other scene
 //! differed (`reproduce fig6`, two runs each in turns, 2147e3a, 2026-11-26). A price of 700 or 1000
 //! ns for a subtree gained nothing on lion and exploding-dragon (2026-11-25).
 

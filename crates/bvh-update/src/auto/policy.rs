@@ -60,8 +60,9 @@ impl Observation {
 pub(super) enum Plan {
     Keep,
     /// Build the tree again above the subtrees whose excess is at most `threshold`, in the same
-    /// units as that of the tree. If there are more than `most`, or none is above it, a new tree by `or_rebuild`;
-    /// without that the tree stays, and one with too many is beyond repair until it is rebuilt.
+    /// units as that of the tree. If there are more than `most`, or none is above it, a new tree by
+    /// `or_rebuild`; without that the tree stays, and one with too many is beyond repair until it is
+    /// rebuilt.
     Repair {
         threshold: f64,
         most: usize,

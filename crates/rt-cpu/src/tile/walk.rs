@@ -16,8 +16,8 @@ use crate::wave::PACKET;
 use crate::wide::{RayOctant, Slab, V, WideTest};
 
 /// Inner nodes of a subtree that rays of several groups visit before the packet's frustum is tested,
-/// too: good trees do without it, through bad ones it saves 3 to 19 % of the time, as much after 2, 8
-/// or 16 nodes (`docs/BENCHMARKS.md`, bad trees).
+/// too: good trees do without it, through bad ones of dragon, museum and lion it saves 3 to 19 % of
+/// the time, as much after 2, 8 or 16 nodes (`docs/BENCHMARKS.md`, bad trees).
 const NODES_BEFORE_FRUSTUM: u32 = 4;
 
 /// Walks the subtree at `root` with the rays in `mask`.
