@@ -44,7 +44,7 @@ impl Checks {
     }
 
     /// Counts a difference unless something `holds`.
-    fn expect(&mut self, holds: bool, place: &str, what: fmt::Arguments<'_>) {
+    pub(crate) fn expect(&mut self, holds: bool, place: &str, what: fmt::Arguments<'_>) {
         if !holds {
             self.differences += 1;
             self.first_difference.get_or_insert_with(|| format!("{place}: {what}"));
@@ -62,11 +62,6 @@ impl Checks {
         }
     }
 
-    /// Whether two trees that a strategy has updated alike have the same cost.
-    pub(crate) fn same_twin(&mut self, place: &str, same: bool) {
-        self.expect(same, place, format_args!("two trees of the same course have different costs"));
-    }
-
     /// Compares pictures of two strategies. `same` says whether all bits of their `pixels` pixels
     /// are equal.
     pub(crate) fn same_picture(&mut self, place: &str, pixels: usize, same: bool) {
@@ -76,18 +71,18 @@ impl Checks {
     }
 
     /// Everything a tree promises, and hits through it with those by brute force.
-    pub(crate) fn check(&mut self, place: &str, tree: &Bvh, triangles: &Triangles<'_>, rays: &[SampleRay]) {
+    pub(crate) fn of_tree(place: &str, tree: &Bvh, triangles: &Triangles<'_>, rays: &[SampleRay]) -> Self {
+        let mut checks = Self { rays: rays.len() as u64, trees: 1, ..Self::default() };
         for (ray, expected) in rays {
-            self.rays += 1;
-            self.rays_hit += u64::from(expected.is_some());
+            checks.rays_hit += u64::from(expected.is_some());
             let found = closest_hit(tree, triangles, ray, f32::INFINITY, TriangleTest::default());
             let what = format_args!("a ray hits {found:?}, but by brute force {expected:?}");
-            self.expect(found == *expected, place, what);
+            checks.expect(found == *expected, place, what);
         }
-        self.trees += 1;
         if let Err(error) = tree.validate(triangles) {
-            self.expect(false, place, format_args!("{error}"));
+            checks.expect(false, place, format_args!("{error}"));
         }
+        checks
     }
 }
 
@@ -110,9 +105,9 @@ mod tests {
         let (mut checks, stats) = (Checks::default(), RenderStats { hits: 3, ..RenderStats::default() });
         checks.same_hits("equal", &stats, &stats);
         checks.same_picture("equal", 16, true);
-        checks.same_twin("equal", true);
+        checks.expect(true, "equal", format_args!("costs"));
         assert_eq!((checks.differences, checks.pictures, checks.pixels), (0, 1, 16));
-        checks.same_twin("twin", false);
+        checks.expect(false, "twin", format_args!("costs"));
         checks.same_picture("picture", 16, false);
         checks.same_hits("hits", &stats, &RenderStats { hits: 4, ..stats });
         let mut all = Checks::default();

@@ -5,7 +5,7 @@ use bvh_core::{Bvh, Triangles, Vec3, sah_cost};
 use bvh_update::{Load, Update};
 use rt_cpu::RenderStats;
 
-use super::contestants::{Method, Worker};
+use super::contestants::{Contestant, Method, Worker};
 use super::record::Row;
 use super::stages::primitives_refit;
 use crate::stage::{Renderer, Stage, timed};
@@ -51,18 +51,12 @@ pub(super) const MOST_TWINS: f64 = 5.0;
 pub(super) const LONG_MS: f64 = 40.0;
 
 impl Lane {
-    pub(super) fn new(
-        name: &'static str,
-        method: Method,
-        load: Load,
-        stage: &Stage,
-        poses: &[Vec<Vec3>],
-    ) -> Result<Self> {
-        let trees = vec![start(name, method, stage, poses)?];
+    pub(super) fn new(of: &Contestant, load: Load, stage: &Stage, poses: &[Vec<Vec3>]) -> Result<Self> {
+        let Contestant { of: name, method, .. } = *of;
         Ok(Self {
             name,
             method,
-            trees,
+            trees: vec![Tree::new(name, method, stage, poses)?],
             load,
             is_current: false,
             update_ms: f64::INFINITY,
@@ -77,13 +71,20 @@ impl Lane {
         &self.trees[0].bvh
     }
 
-    /// Adds twins, as many as updates of this length are to have.
-    pub(super) fn add_twins(&mut self, stage: &Stage, update_ms: f64) -> Result<()> {
-        if update_ms <= LONG_MS {
+    /// Runs once on a copy of the tree that is thrown away. Where there are second turns, adds as
+    /// many twins as updates of that length are to have.
+    pub(super) fn warm_up(&mut self, stage: &Stage, turns: usize, renderer: &mut Renderer) -> Result<()> {
+        // A method that knows the animation refits like the others, and would be prepared again.
+        if self.method.knows_animation() {
+            return Ok(());
+        }
+        let new = || Tree::new(self.name, self.method, stage, &[]);
+        let mut tree = new()?;
+        let update_ms = tree.update(self.name, stage, self.load)?;
+        renderer.draw(stage, &tree.bvh);
+        if turns > 1 && update_ms <= LONG_MS {
             let twins = (SHORT_MS / update_ms).ceil().clamp(1.0, MOST_TWINS) as usize;
-            for _ in 0..twins {
-                self.trees.push(start(self.name, self.method, stage, &[])?);
-            }
+            self.trees.extend((0..twins).map(|_| new()).collect::<Result<Vec<_>>>()?);
         }
         Ok(())
     }
@@ -95,10 +96,9 @@ impl Lane {
 
     /// Updates the tree in the first turn, each twin in one of the others.
     pub(super) fn update(&mut self, turn: usize, stage: &Stage) -> Result<()> {
-        let Some(Tree { bvh, worker, update }) = self.trees.get_mut(turn) else { return Ok(()) };
-        let (updated, update_ms) = timed(|| worker(bvh, &stage.triangles(), self.load));
-        *update = updated.with_context(|| format!("{}: {} failed", stage.scene.name, self.name))?;
-        self.update_ms = self.update_ms.min(update_ms);
+        if let Some(tree) = self.trees.get_mut(turn) {
+            self.update_ms = self.update_ms.min(tree.update(self.name, stage, self.load)?);
+        }
         Ok(())
     }
 
@@ -145,11 +145,20 @@ impl Lane {
     }
 }
 
-/// A copy of the first tree, and what updates it by a method.
-fn start(name: &str, method: Method, stage: &Stage, poses: &[Vec<Vec3>]) -> Result<Tree> {
-    let indices = stage.triangles().indices;
-    let poses: Vec<_> = poses.iter().map(|positions| Triangles { positions, indices }).collect();
-    let mut bvh = Bvh::clone(&stage.first_tree);
-    let worker = method.start(&mut bvh, &poses).with_context(|| format!("{name}: not prepared"))?;
-    Ok(Tree { bvh, worker, update: Update::default() })
+impl Tree {
+    fn new(name: &str, method: Method, stage: &Stage, poses: &[Vec<Vec3>]) -> Result<Self> {
+        let indices = stage.triangles().indices;
+        let poses: Vec<_> = poses.iter().map(|positions| Triangles { positions, indices }).collect();
+        let mut bvh = Bvh::clone(&stage.first_tree);
+        let worker = method.start(&mut bvh, &poses).with_context(|| format!("{name}: not prepared"))?;
+        Ok(Self { bvh, worker, update: Update::default() })
+    }
+
+    /// Updates the tree, and gives the milliseconds.
+    fn update(&mut self, name: &str, stage: &Stage, load: Load) -> Result<f64> {
+        let Self { bvh, worker, .. } = self;
+        let (updated, update_ms) = timed(|| worker(bvh, &stage.triangles(), load));
+        self.update = updated.with_context(|| format!("{}: {name} failed", stage.scene.name))?;
+        Ok(update_ms)
+    }
 }

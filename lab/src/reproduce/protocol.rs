@@ -150,19 +150,10 @@ impl Run<'_> {
         lanes.clear();
         // Side by side: methods that know the animation take long to prepare, and that is not counted.
         let (shared, load) = (&*stage, load_of(plan.values.size));
-        let lane = |c: Contestant| Lane::new(c.of, c.method, load, shared, &poses);
-        *lanes = contestants.into_par_iter().map(lane).collect::<Result<_>>()?;
+        let lane = |c: &Contestant| Lane::new(c, load, shared, &poses);
+        *lanes = contestants.par_iter().map(lane).collect::<Result<_>>()?;
         stage.pose(0.0);
-        // A method that knows the animation refits like the others, and would be prepared again.
-        for lane in lanes.iter_mut().filter(|lane| !lane.method.knows_animation()) {
-            let mut warm = Lane::new(lane.name, lane.method, load, stage, &[])?;
-            warm.update(0, stage)?;
-            warm.trace(0, stage, renderer);
-            if plan.values.turns > 1 {
-                lane.add_twins(stage, warm.update_ms)?;
-            }
-        }
-        Ok(())
+        lanes.iter_mut().try_for_each(|lane| lane.warm_up(stage, plan.values.turns, renderer))
     }
 
     /// Plays all frames of the plan.
@@ -268,7 +259,8 @@ impl Run<'_> {
             (lane.updates, lane.updates_ms) = (0, 0.0);
             let place =
                 format!("{}, loop {}, frame {}, {}", self.label, common.round, common.frame, lane.name);
-            self.log.checks.same_twin(&place, same);
+            let what = format_args!("two trees of the same course have different costs");
+            self.log.checks.expect(same, &place, what);
         }
         let row = |c: &Contestant| {
             let at = self.lanes.iter().position(|lane| lane.name == c.of)?;
@@ -303,13 +295,13 @@ impl Run<'_> {
         let sample = || check::sample(&camera, &triangles, check_rays, self.plan.seed ^ frame as u64);
         let rays = self.rays.entry(frame).or_insert_with(sample);
         let label = &self.label;
-        let of_lane = |lane: &Lane| {
-            let (place, mut checks) = (format!("{label}, frame {frame}, {}", lane.name), Checks::default());
-            checks.check(&place, lane.tree(), &triangles, rays);
-            checks
-        };
         let current = self.lanes.par_iter().filter(|lane| lane.is_current);
-        let checked: Vec<_> = current.map(of_lane).collect();
+        let checked: Vec<_> = current
+            .map(|lane| {
+                let place = format!("{label}, frame {frame}, {}", lane.name);
+                Checks::of_tree(&place, lane.tree(), &triangles, rays)
+            })
+            .collect();
         checked.iter().for_each(|checks| self.log.checks.add(checks));
     }
 }
