@@ -57,7 +57,7 @@ fn update_times(results: &Results) -> Option<Chart> {
     (!scenes.is_empty()).then(|| Chart {
         y_label: "update time, ms".to_owned(),
         series: series.collect(),
-        places: scenes.iter().map(|scene| scene.facts.label.clone()).collect(),
+        places: scenes.iter().map(|scene| scene.label.clone()).collect(),
         ..Chart::default()
     })
 }
@@ -77,7 +77,7 @@ fn pair(
     series: impl Fn(fn(&Row) -> f64) -> Vec<Series>,
 ) -> [Chart; 2] {
     MEASURES.map(|(title, y_label, value)| Chart {
-        title: format!("{}: {title}", scene.facts.label),
+        title: format!("{}: {title}", scene.label),
         x_label: x_label.to_owned(),
         y_label: y_label.to_owned(),
         series: series(value),
@@ -120,9 +120,8 @@ fn over_loops(scene: &SceneRun) -> Option<[Chart; 2]> {
 fn from_other_keys(results: &Results) -> Option<Chart> {
     let runs: Vec<_> = [MUSEUM].iter().chain(&OTHER_KEYS).filter_map(|name| results.scene(name)).collect();
     let at = |row: &Row| (row.step() as f64, row.sah_cost);
-    let line = |(i, scene): (usize, &&SceneRun)| {
-        line(&scene.facts.label, i, scene.of(SPEED_STRATEGY).into_iter().map(at))
-    };
+    let line =
+        |(i, scene): (usize, &&SceneRun)| line(&scene.label, i, scene.of(SPEED_STRATEGY).into_iter().map(at));
     (runs.len() > 1).then(|| Chart {
         title: "bart-museum, started from each key frame".to_owned(),
         x_label: "frame".to_owned(),
@@ -146,17 +145,17 @@ pub(crate) fn all(results: &Results) -> Vec<Figure> {
     }
     for scene in results.main_scenes().filter(|_| wanted(results, "fig6")) {
         if let Some(charts) = over_frames(results, scene) {
-            let title = format!("Frame time and cost, {} (figure 6)", scene.facts.label);
+            let title = format!("Frame time and cost, {} (figure 6)", scene.label);
             let caption = "Left: time to update and render. Right: SAH cost of the tree rendered. A vertical line \
                            marks the jump from the end of the animation to its start.";
-            add(format!("fig6-{}", scene.facts.slug), &title, caption, &charts, 2);
+            add(format!("fig6-{}", scene.slug), &title, caption, &charts, 2);
         }
     }
     for scene in &results.scenes {
         if let Some(charts) = over_loops(scene) {
-            let title = format!("Speed of the animation, {} (figure 5)", scene.facts.label);
+            let title = format!("Speed of the animation, {} (figure 5)", scene.label);
             let caption = "Refitting with rotations; the same motion in fewer or more frames.";
-            add(format!("fig5-{}", scene.facts.slug), &title, caption, &charts, 2);
+            add(format!("fig5-{}", scene.slug), &title, caption, &charts, 2);
         }
     }
     if let Some(chart) = from_other_keys(results) {

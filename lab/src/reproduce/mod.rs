@@ -37,8 +37,7 @@ use self::output::Output;
 use self::preset::Values;
 use self::protocol::{Log, Named, Plan};
 use self::record::Row;
-use self::results::{Results, SceneFacts, SceneRun, Settings};
-use self::saved::Saved;
+use self::results::{Results, SceneRun, Settings};
 use crate::compare::{Row as Peer, Setting};
 use crate::effects::{self, Played};
 use crate::machine::{Machine, Revision};
@@ -102,7 +101,7 @@ struct Entry {
 pub fn run(args: &Args) -> Result<()> {
     args.ensure_used()?;
     if let Some(folder) = &args.from {
-        let results = saved::load(folder)?.results;
+        let (results, _) = saved::load(folder)?;
         return Output::prepare(args.out())?.copy_from(folder)?.write(&results);
     }
     let mut entries = entries(args)?;
@@ -118,14 +117,15 @@ pub fn run(args: &Args) -> Result<()> {
         accuracy: Vec::new(),
         interrupted: true,
     };
-    let embree = args.embree(results.settings.threads)?;
+    let embree = match args.runs(Experiment::Peers) {
+        true => compare::embree(args.embree.as_deref(), results.settings.threads)?,
+        false => None,
+    };
     let out = Output::prepare(args.out())?;
     let pool = pool::pool(results.settings.threads)?;
     let (folder, summary) = (out.file(""), out.file("summary.json"));
     if args.resume && summary.exists() {
-        let saved = saved::load(&folder)?;
-        saved.ensure_same(&results, &folder)?;
-        results.accuracy = take_over(saved, &mut entries);
+        results.accuracy = saved::take_over(&folder, &results, &mut entries)?;
     } else {
         saved::ensure_ended(&folder)?;
         if args.resume {
@@ -145,9 +145,9 @@ pub fn run(args: &Args) -> Result<()> {
         ));
     }
     let (start, count) = (Instant::now(), entries.len());
-    let finished = entries.iter().filter(|entry| entry.before.facts.finished).count();
+    let finished = entries.iter().filter(|entry| entry.before.finished).count();
     for (i, entry) in entries.into_iter().enumerate() {
-        if entry.before.facts.finished {
+        if entry.before.finished {
             results.scenes.push(entry.before);
             continue;
         }
@@ -173,16 +173,6 @@ pub fn run(args: &Args) -> Result<()> {
     let written = out.write(&results);
     interrupt::say_how_to_go_on(&format!("{} --resume", results.settings.command));
     written
-}
-
-/// Gives the entries what an earlier run has measured of them, and returns the points of accuracy
-/// of those that it finished.
-fn take_over(mut saved: Saved, entries: &mut [Entry]) -> Vec<Point> {
-    for entry in &mut *entries {
-        entry.before = saved.scene(&entry.label);
-    }
-    let is_kept = |point: &Point| entries.iter().any(|e| e.before.facts.finished && e.label == point.scene);
-    saved.results.accuracy.into_iter().filter(is_kept).collect()
 }
 
 /// The scenes asked for. Names are checked and files loaded before anything is measured.
@@ -250,8 +240,9 @@ impl<'a> Bench<'a> {
         let is_main = supplement.is_none();
         let (mut stage, build_ms) = stage::ready_timed(loaded.map_or_else(|| args.load(&source), Ok)?)?;
         let plan = self.plan(stage.triangles().indices.len(), supplement);
-        let facts = facts(&stage, build_ms, &plan, label.clone(), !is_main);
-        let mut run = SceneRun { facts, checks: before.checks, ..SceneRun::default() };
+        let supplement = !is_main;
+        let described = described(&stage, build_ms, &plan, label.clone());
+        let mut run = SceneRun { supplement, checks: before.checks, ..described };
         let mut points = Vec::new();
         if args.runs_frames() {
             self.frames(&mut run, &mut stage, &plan, before.rows)?;
@@ -259,33 +250,33 @@ impl<'a> Bench<'a> {
         if is_main && args.runs_speeds(&label) {
             self.speeds(&mut run, &mut stage, &plan, before.speed_rows)?;
         }
-        let for_claims = args.runs(Experiment::Claims) && is_main;
-        if for_claims && run.moves() && !interrupt::requested() {
+        let goes_on = |experiment| is_main && args.runs(experiment) && !interrupt::requested();
+        if goes_on(Experiment::Claims) && run.moves() {
             let (settled, memory) = settle::measure(&mut stage, plan.values.frames)?;
-            (run.facts.settled, run.facts.memory) = (Some(settled), Some(memory));
+            (run.settled, run.memory) = (Some(settled), Some(memory));
         }
-        let is_small = run.facts.triangles <= plan.values.offline;
-        if for_claims && is_small && claims::judges_annealing(&run.facts.label) && !interrupt::requested() {
+        let is_small = run.triangles <= plan.values.offline;
+        if goes_on(Experiment::Claims) && is_small && claims::judges_annealing(&label) {
             run.offline = offline::measure(&mut stage, plan.values.size)?;
         }
-        if args.runs(Experiment::Effects) && is_main && !interrupt::requested() {
+        if goes_on(Experiment::Effects) {
             let played = Played { seed: self.settings.seed, ..EFFECTS };
-            run.facts.effect_costs = effects::measure(&source, args.clip.as_deref(), played)?;
+            run.effect_costs = effects::measure(&source, args.clip.as_deref(), played)?;
         }
         if let Some(journal) = self.points.as_mut().filter(|_| is_main && args.measures_accuracy_of(&label)) {
-            let log = accuracy::Log::new(&label, args, run.facts.triangles, journal);
+            let log = accuracy::Log::new(&label, args, run.triangles, journal);
             points = accuracy::of_scene(&mut stage, log)?;
         }
-        if let Some(journal) = self.peers.as_mut().filter(|_| is_main && !interrupt::requested()) {
+        if let Some(journal) = self.peers.as_mut().filter(|_| goes_on(Experiment::Peers)) {
             let Values { peer_frames: frames, size, .. } = plan.values;
-            let (triangles, threads) = (run.facts.triangles, plan.threads);
+            let (triangles, threads) = (run.triangles, plan.threads);
             let (scene, only, runs) = (label, Vec::new(), 1);
             let setting = Setting { scene, triangles, threads, embree, only, frames, runs, size };
             run.peers = compare::beside(&mut stage, &setting)?;
             journal.append(&run.peers)?;
         }
-        (run.facts.accuracy_rows, run.facts.peer_rows) = (points.len(), run.peers.len());
-        run.facts.finished = !interrupt::requested();
+        (run.accuracy_rows, run.peer_rows) = (points.len(), run.peers.len());
+        run.finished = !interrupt::requested();
         run.summarise(&self.settings.strategies);
         Ok((run, points))
     }
@@ -310,28 +301,28 @@ impl<'a> Bench<'a> {
 
     /// Figures 4 and 6: all strategies, side by side.
     fn frames(&mut self, run: &mut SceneRun, stage: &mut Stage, plan: &Plan, begun: Vec<Row>) -> Result<()> {
-        let SceneRun { facts, pictures: taken, checks, .. } = run;
+        let SceneRun { label, hottest, pictures: taken, checks, .. } = run;
         let [size, map_size] = plan.values.picture_size;
-        facts.hottest = pictures::hottest(stage, map_size);
+        *hottest = pictures::hottest(stage, map_size);
         let mut take = |stage: &mut Stage, trees: &[Named<'_>], frame: usize| {
             // All trees show the same picture, as the checks make sure.
             let costs = trees.iter().map(|&(_, tree)| (sah_cost(tree), tree));
             let Some((_, best)) = costs.min_by(|a, b| a.0.total_cmp(&b.0)) else { return Ok(()) };
             let png = pictures::picture(stage, best, size)?;
-            taken.push(self.out.picture(&facts.label, frame, None, png)?);
+            taken.push(self.out.picture(label, frame, None, png)?);
             for (name, tree) in trees.iter().filter(|(name, _)| pictures::HEAT_MAPS.contains(name)) {
-                let jpeg = pictures::heat_map(stage, tree, map_size, facts.hottest)?;
-                taken.push(self.out.picture(&facts.label, frame, Some(name), jpeg)?);
+                let jpeg = pictures::heat_map(stage, tree, map_size, *hottest)?;
+                taken.push(self.out.picture(label, frame, Some(name), jpeg)?);
             }
             Ok(())
         };
         if let Some(Row { round, frame, .. }) = begun.last() {
-            facts.notes.push(format!(
+            run.notes.push(format!(
                 "resumed after loop {round}, frame {frame}: pictures of strategies up to there were compared in the run before"
             ));
         }
         let log = Log { done: begun, journal: &mut self.frames, checks, picture: &mut take };
-        run.rows = protocol::measure(&facts.label, stage, plan, log)?;
+        run.rows = protocol::measure(label, stage, plan, log)?;
         Ok(())
     }
 
@@ -347,20 +338,20 @@ impl<'a> Bench<'a> {
             let plan = Plan { contestants, values, measure_every, ..*plan };
             let done = begun.iter().filter(|row| row.frames_per_loop == frames).cloned().collect();
             let log = Log { done, journal, checks: &mut run.checks, picture: &mut |_, _, _| Ok(()) };
-            let rows = protocol::measure(&run.facts.label, stage, &plan, log)?;
+            let rows = protocol::measure(&run.label, stage, &plan, log)?;
             run.speed_rows.extend(rows);
         }
         Ok(())
     }
 }
 
-fn facts(stage: &Stage, build_ms: f64, plan: &Plan, label: String, supplement: bool) -> SceneFacts {
+/// What is known of a scene before anything is measured.
+fn described(stage: &Stage, build_ms: f64, plan: &Plan, label: String) -> SceneRun {
     let scene = &stage.scene;
     let stats = bvh_core::stats(&stage.first_tree);
-    SceneFacts {
+    SceneRun {
         slug: stage::slug(&label),
         label,
-        supplement,
         about: scene.about.to_owned(),
         triangles: stats.primitives,
         moving: scene.animation.topology().moves.iter().filter(|&&moves| moves).count(),
@@ -373,6 +364,6 @@ fn facts(stage: &Stage, build_ms: f64, plan: &Plan, label: String, supplement: b
         build_ms,
         candidates: stats.candidates as f64 / (stats.inner + stats.leaves).max(1) as f64,
         notes: scene.notes.clone(),
-        ..SceneFacts::default()
+        ..SceneRun::default()
     }
 }

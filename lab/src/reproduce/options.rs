@@ -4,7 +4,6 @@ use std::path::PathBuf;
 
 use anyhow::{Result, ensure};
 use clap::ValueEnum;
-use pivot_benches::embree::Device;
 use rt_cpu::Traversal;
 use scenes::{Scene, SceneOptions};
 
@@ -13,7 +12,7 @@ use super::contestants::Contestant;
 use super::preset::{Preset, Values};
 use super::results::Settings;
 use crate::pool::Threads;
-use crate::{compare, files, stage};
+use crate::{files, stage};
 
 /// The experiments there are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -105,7 +104,7 @@ pub struct Args {
     /// Embree's library for `peers`, version 3 or 4, or a folder with it [default: PIVOT_EMBREE,
     /// else the system's]
     #[arg(long, value_name = "PATH")]
-    embree: Option<PathBuf>,
+    pub(super) embree: Option<PathBuf>,
 }
 
 impl Args {
@@ -225,12 +224,6 @@ impl Args {
         let is_accuracy = |&e: &Experiment| e == Experiment::Accuracy;
         let only_accuracy = !self.experiments.is_empty() && self.experiments.iter().all(is_accuracy);
         all.filter(|name| !only_accuracy || self.measures_accuracy_of(name)).collect()
-    }
-
-    /// Embree for `peers`, if there is one; an error if it is not where it was said to be, or does
-    /// not work.
-    pub(super) fn embree(&self, threads: usize) -> Result<Option<Device>> {
-        if self.runs(Experiment::Peers) { compare::embree(self.embree.as_deref(), threads) } else { Ok(None) }
     }
 
     /// Whether figure 5 is to be run on that scene: on its own, and on any other if it is asked for

@@ -58,7 +58,7 @@ pub(crate) fn html(results: &Results, claims: &[Claim], figures: &[Figure]) -> s
     });
     let more = results.scenes.iter().map(|scene| {
         let (speedup, worst) = (speedup(scene), worst(scene));
-        (scene.facts.label.as_str(), More { speedup, worst, peers: &scene.peers })
+        (scene.label.as_str(), More { speedup, worst, peers: &scene.peers })
     });
     let page = Page {
         summary: Summary::new(results, claims),

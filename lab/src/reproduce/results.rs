@@ -59,31 +59,6 @@ pub(crate) struct Settings {
 /// A scene and what was measured on it.
 #[derive(Default, Serialize, Deserialize)]
 pub(crate) struct SceneRun {
-    #[serde(flatten)]
-    pub(crate) facts: SceneFacts,
-    pub(crate) checks: Checks,
-    /// The rows of figures 4 and 6, and of figure 5 by frames in a loop, in brief.
-    pub(crate) strategies: Vec<StrategySummary>,
-    #[serde(rename = "speeds")]
-    pub(crate) speed_summaries: BTreeMap<usize, StrategySummary>,
-    /// Trees built once and for all, where such builders are there.
-    pub(crate) offline: Vec<OfflineTree>,
-    #[serde(rename = "images")]
-    pub(crate) pictures: Vec<Picture>,
-    /// Rows of figures 4 and 6.
-    #[serde(skip)]
-    pub(crate) rows: Vec<Row>,
-    /// Rows of figure 5.
-    #[serde(skip)]
-    pub(crate) speed_rows: Vec<Row>,
-    /// Other libraries beside this one.
-    #[serde(skip)]
-    pub(crate) peers: Vec<Peer>,
-}
-
-/// What is known of a scene apart from timings.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-pub(crate) struct SceneFacts {
     pub(crate) label: String,
     /// Part of file names.
     pub(crate) slug: String,
@@ -126,6 +101,24 @@ pub(crate) struct SceneFacts {
     pub(crate) accuracy_rows: usize,
     #[serde(default)]
     pub(crate) peer_rows: usize,
+    pub(crate) checks: Checks,
+    /// The rows of figures 4 and 6, and of figure 5 by frames in a loop, in brief.
+    pub(crate) strategies: Vec<StrategySummary>,
+    #[serde(rename = "speeds")]
+    pub(crate) speed_summaries: BTreeMap<usize, StrategySummary>,
+    /// Trees built once and for all, where such builders are there.
+    pub(crate) offline: Vec<OfflineTree>,
+    #[serde(rename = "images")]
+    pub(crate) pictures: Vec<Picture>,
+    /// Rows of figures 4 and 6.
+    #[serde(skip)]
+    pub(crate) rows: Vec<Row>,
+    /// Rows of figure 5.
+    #[serde(skip)]
+    pub(crate) speed_rows: Vec<Row>,
+    /// Other libraries beside this one.
+    #[serde(skip)]
+    pub(crate) peers: Vec<Peer>,
 }
 
 /// A rendered frame, or a heat map of it.
@@ -184,7 +177,7 @@ impl SceneRun {
 
     /// Whether anything moves.
     pub(crate) fn moves(&self) -> bool {
-        self.facts.moving > 0
+        self.moving > 0
     }
 
     /// Rows of figure 5 at a number of frames in a loop.
@@ -203,12 +196,12 @@ impl SceneRun {
 impl Results {
     /// The scene of that name, if something was measured on it.
     pub(crate) fn scene(&self, label: &str) -> Option<&SceneRun> {
-        self.scenes.iter().find(|s| s.facts.label == label && !s.rows.is_empty())
+        self.scenes.iter().find(|s| s.label == label && !s.rows.is_empty())
     }
 
     /// The scenes but for those that serve one claim only.
     pub(crate) fn main_scenes(&self) -> impl Iterator<Item = &SceneRun> {
-        self.scenes.iter().filter(|s| !s.facts.supplement)
+        self.scenes.iter().filter(|s| !s.supplement)
     }
 
     /// Those of them that something moves in and that were measured.

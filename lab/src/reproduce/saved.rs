@@ -7,24 +7,20 @@ use std::path::Path;
 use anyhow::{Context, Result, ensure};
 use serde_json::Value;
 
+use super::Entry;
+use super::accuracy::Point;
 use super::check::Checks;
 use super::journal::read;
 use super::record::Row;
 use super::results::{Results, SceneRun, Settings};
 use super::speed_strategies;
-use super::summary::{SCHEMA, StrategySummary};
+use super::summary::SCHEMA;
 use crate::compare::Row as Peer;
 use crate::files;
 
-/// What a folder holds: the scenes it knows all about, and rows of figures 4 and 6, and of figure
-/// 5, of one that was under way.
-pub(super) struct Saved {
-    pub(super) results: Results,
-    rest: [Vec<Row>; 2],
-}
-
-/// Reads a folder.
-pub(super) fn load(folder: &Path) -> Result<Saved> {
+/// Reads a folder: the scenes it knows all about, and rows of figures 4 and 6, and of figure 5, of
+/// one that was under way.
+pub(super) fn load(folder: &Path) -> Result<(Results, [Vec<Row>; 2])> {
     let path = folder.join("summary.json");
     let shown = path.display();
     let text = fs::read(&path)
@@ -48,29 +44,33 @@ pub(super) fn load(folder: &Path) -> Result<Saved> {
         for picture in &mut run.pictures {
             picture.bytes = files::read(&images.join(&picture.file))?;
         }
-        let label = run.facts.label.as_str();
+        let label = run.label.as_str();
         run.peers = peers.extract_if(.., |peer| peer.scene == label).collect();
         [run.rows, run.speed_rows] = take(&mut rest, label);
-        if run.facts.finished {
-            for StrategySummary { strategy, samples, .. } in &run.strategies {
-                ensure_rows(&frames, label, run.of(strategy).len(), *samples)?;
-            }
-            for (&n, StrategySummary { samples, .. }) in &run.speed_summaries {
+        if run.finished {
+            // No rows may be missing.
+            let rows = run.strategies.iter().map(|s| (&frames, run.of(&s.strategy).len(), s.samples));
+            let speed_rows = run.speed_summaries.iter().map(|(&n, s)| {
                 // The summary has the samples of one strategy; the others have as many.
                 let found = run.speed_rows.iter().filter(|row| row.frames_per_loop == n).count();
-                ensure_rows(&speeds, label, found, samples * speed_strategies(n).len())?;
-            }
+                (&speeds, found, s.samples * speed_strategies(n).len())
+            });
             let points = results.accuracy.iter().filter(|point| point.scene == label).count();
-            let facts = &run.facts;
-            for (file, found, counted) in
-                [(&accuracy, points, facts.accuracy_rows), (&beside, run.peers.len(), facts.peer_rows)]
-            {
-                ensure_rows(file, label, found, if counted > 0 { counted } else { found })?;
+            let (of_points, of_peers) = (run.accuracy_rows, run.peer_rows);
+            // Older revisions did not count these.
+            let counted = [(&accuracy, points, of_points), (&beside, run.peers.len(), of_peers)];
+            let counted = counted.into_iter().filter(|&(.., expected)| expected > 0);
+            for (file, found, expected) in rows.chain(speed_rows).chain(counted) {
+                ensure!(
+                    found == expected,
+                    "{}: {found} rows of {label} where summary.json counted {expected}; measure again",
+                    file.display()
+                );
             }
         }
         run.summarise(&results.settings.strategies);
     }
-    Ok(Saved { results, rest })
+    Ok((results, rest))
 }
 
 /// Refuses a folder with an unfinished run: a new one would discard its rows.
@@ -85,57 +85,44 @@ pub(super) fn ensure_ended(folder: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Checks that no rows are missing of a scene that counts as finished.
-fn ensure_rows(file: &Path, label: &str, found: usize, expected: usize) -> Result<()> {
-    ensure!(
-        found == expected,
-        "{}: {found} rows of {label} where summary.json counted {expected}; measure again",
-        file.display()
-    );
-    Ok(())
-}
-
 fn take(rows: &mut [Vec<Row>; 2], label: &str) -> [Vec<Row>; 2] {
     rows.each_mut().map(|rows| rows.extract_if(.., |row| row.scene == label).collect())
 }
 
-impl Saved {
-    /// What was measured on a scene: all, or else rows of [whole steps](whole_steps), and what was
-    /// compared.
-    pub(super) fn scene(&mut self, label: &str) -> SceneRun {
-        let at = self.results.scenes.iter().position(|run| run.facts.label == label);
-        let run = at.map(|at| self.results.scenes.remove(at)).unwrap_or_else(|| {
-            let [rows, speed_rows] = take(&mut self.rest, label);
+/// Gives the entries what an earlier run has measured of them, and returns the points of accuracy
+/// of those that it finished. Both runs must be one: of the same settings, revision and machine.
+pub(super) fn take_over(folder: &Path, now: &Results, entries: &mut [Entry]) -> Result<Vec<Point>> {
+    let (mut before, mut rest) = load(folder)?;
+    let settings = |of: &Results| Settings { command: String::new(), ..of.settings.clone() };
+    let machine = |of: &Results| (of.machine.cpu.clone(), of.machine.simd.clone(), of.machine.cores);
+    for (what, same) in [
+        ("settings or scenes", settings(&before) == settings(now)),
+        ("a revision", before.revision == now.revision),
+        ("a machine", machine(&before) == machine(now)),
+    ] {
+        ensure!(
+            same,
+            "{}: holds rows measured with {what} other than now; empty the folder to start again, or name \
+             another --out",
+            folder.display()
+        );
+    }
+    for Entry { label, before: run, .. } in &mut *entries {
+        let known = before.scenes.extract_if(.., |run| run.label == *label).next();
+        *run = known.unwrap_or_else(|| {
+            let [rows, speed_rows] = take(&mut rest, label);
             SceneRun { rows, speed_rows, ..SceneRun::default() }
         });
-        if run.facts.finished {
-            return run;
+        if !run.finished {
+            let begun = std::mem::take(run);
+            let [rows, speed_rows] = [begun.rows, begun.speed_rows].map(whole_steps);
+            // Trees that depend on the past are checked again on the way to where it goes on.
+            let checks = Checks { rays: 0, rays_hit: 0, trees: 0, ..begun.checks };
+            *run = SceneRun { checks, rows, speed_rows, ..SceneRun::default() };
         }
-        let [rows, speed_rows] = [run.rows, run.speed_rows].map(whole_steps);
-        // Trees that depend on the past are checked again on the way to where it goes on.
-        let checks = Checks { rays: 0, rays_hit: 0, trees: 0, ..run.checks };
-        SceneRun { checks, rows, speed_rows, ..SceneRun::default() }
     }
-
-    /// Whether going on with it makes one run: the same settings, revision and machine.
-    pub(super) fn ensure_same(&self, now: &Results, folder: &Path) -> Result<()> {
-        let settings = |of: &Results| Settings { command: String::new(), ..of.settings.clone() };
-        let machine = |of: &Results| (of.machine.cpu.clone(), of.machine.simd.clone(), of.machine.cores);
-        let before = &self.results;
-        for (what, same) in [
-            ("settings or scenes", settings(before) == settings(now)),
-            ("a revision", before.revision == now.revision),
-            ("a machine", machine(before) == machine(now)),
-        ] {
-            ensure!(
-                same,
-                "{}: holds rows measured with {what} other than now; empty the folder to start again, or name \
-                 another --out",
-                folder.display()
-            );
-        }
-        Ok(())
-    }
+    let is_kept = |point: &Point| entries.iter().any(|e| e.before.finished && e.label == point.scene);
+    Ok(before.accuracy.into_iter().filter(is_kept).collect())
 }
 
 /// Leaves out the last step unless it is sure to be whole. Rows of a step are written in the order

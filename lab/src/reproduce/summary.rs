@@ -10,7 +10,7 @@ use super::check::Checks;
 use super::claims::Claim;
 use super::contestants::{Contestant, IDEAL};
 use super::record::{Row, mean_frame_ms, mean_update_ms};
-use super::results::{Results, SceneFacts, SceneRun, Spread};
+use super::results::{Results, SceneRun, Spread};
 use super::stages::{StageSummary, stages};
 use super::{SPEED_STRATEGY, SPEEDS, accuracy};
 
@@ -65,18 +65,18 @@ impl SceneRun {
             let over = self.pairs(name, IDEAL).into_iter().map(|(a, b)| a.sah_cost / b.sah_cost);
             // A tree whose root has no area costs nothing, and 0 / 0 is no number.
             let over = Spread::of(over.filter(|ratio| ratio.is_finite()));
-            let summary = strategy(name, &self.facts, &self.of(name))?;
+            let summary = strategy(name, &self.plan, &self.of(name))?;
             Some(StrategySummary { sah_over_sweep: over, decisions: decisions(self, name), ..summary })
         };
         self.strategies = names.iter().filter_map(summary).collect();
         let rows = |frames| self.at_speed(frames, SPEED_STRATEGY);
-        let at = |frames| Some((frames, strategy(SPEED_STRATEGY, &self.facts, &rows(frames))?));
+        let at = |frames| Some((frames, strategy(SPEED_STRATEGY, &self.plan, &rows(frames))?));
         self.speed_summaries = SPEEDS.into_iter().filter_map(at).collect();
     }
 }
 
 /// The summary of some rows by themselves.
-fn strategy(name: &str, facts: &SceneFacts, rows: &[&Row]) -> Option<StrategySummary> {
+fn strategy(name: &str, plan: &[String], rows: &[&Row]) -> Option<StrategySummary> {
     let spread = |value: fn(&Row) -> f64| Spread::of(rows.iter().map(|row| value(row)));
     Some(StrategySummary {
         strategy: name.to_owned(),
@@ -92,7 +92,7 @@ fn strategy(name: &str, facts: &SceneFacts, rows: &[&Row]) -> Option<StrategySum
         rotations: rows.iter().map(|row| row.rotations).sum(),
         greatest_height: rows.iter().map(|row| row.height).max()?,
         decisions: Vec::new(),
-        stages: stages(&facts.plan, rows),
+        stages: stages(plan, rows),
     })
 }
 

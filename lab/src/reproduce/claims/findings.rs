@@ -26,7 +26,7 @@ pub(super) fn missing(names: &[&str]) -> String {
 }
 
 pub(super) fn without_museum(results: &Results) -> impl Iterator<Item = &SceneRun> {
-    results.moving().filter(|scene| scene.facts.label != MUSEUM)
+    results.moving().filter(|scene| scene.label != MUSEUM)
 }
 
 pub(super) fn rotation_overhead(results: &Results, b: &Bounds) -> Finding {
@@ -90,7 +90,7 @@ pub(super) fn frames_against_ideal(results: &Results, b: &Bounds) -> Finding {
 /// Those of the named scenes that were run, and in words which, if not all.
 fn run_of<'a>(results: &'a Results, named: &[&str]) -> (Vec<&'a SceneRun>, String) {
     let run: Vec<_> = named.iter().filter_map(|name| results.scene(name)).collect();
-    let names: Vec<_> = run.iter().map(|s| s.facts.label.as_str()).collect();
+    let names: Vec<_> = run.iter().map(|s| s.label.as_str()).collect();
     let only = format!("; of the scenes named only {} was run", names.join(", "));
     let are_all = run.len() == named.len();
     (run, if are_all { String::new() } else { only })
@@ -170,10 +170,8 @@ pub(super) fn speeds(results: &Results, b: &Bounds) -> Finding {
         let mean = |round: usize| Some(Spread::of(of(round))?.mean);
         (whole >= 2).then(|| Some([mean(0)?, mean(whole - 1)?]))?
     }
-    let found = results
-        .scenes
-        .iter()
-        .find_map(|s| Some((&s.facts.label, ends(s, 20)?, ends(s, 100)?, ends(s, 500)?)));
+    let found =
+        results.scenes.iter().find_map(|s| Some((&s.label, ends(s, 20)?, ends(s, 100)?, ends(s, 500)?)));
     let (label, fast, middle, slow) =
         found.ok_or("figure 5 was not run with at least two whole loops of 20, 100 and 500 frames")?;
     let (at_first, at_last, middle) = (fast[0] / slow[0], fast[1] / slow[1], middle[1] / slow[1]);
@@ -203,7 +201,7 @@ pub(super) fn below_sweep(results: &Results, _: &Bounds) -> Finding {
 }
 
 pub(super) fn candidates(results: &Results, b: &Bounds) -> Finding {
-    let table = Table::of(results.main_scenes(), |s| Some(s.facts.candidates));
+    let table = Table::of(results.main_scenes(), |s| Some(s.candidates));
     let (low, high) = (b.quarter_low, b.quarter_high);
     let what = format!("between {low} and {high}");
     Ok(table.exact(4).or("no scene was run")?.everywhere(&what, |part| (low..=high).contains(&part)))
@@ -256,7 +254,7 @@ pub(super) fn annealing(results: &Results, b: &Bounds) -> Finding {
         let cost = |name| tree(scene, name).map(|t| t.sah_cost);
         cost(annealed).zip(cost(climbed)).is_some_and(|(annealed, climbed)| annealed >= climbed)
     };
-    let no_gain: Vec<_> = results.main_scenes().filter(no_gain).map(|s| s.facts.label.as_str()).collect();
+    let no_gain: Vec<_> = results.main_scenes().filter(no_gain).map(|s| s.label.as_str()).collect();
     if !no_gain.is_empty() {
         why += &format!("; on {} annealing found nothing beyond plain climbing", no_gain.join(", "));
     }

@@ -47,7 +47,7 @@ const NOT_STOPPED: &str = "no scene was stopped";
 
 pub(super) fn settling(results: &Results, b: &Bounds) -> Finding {
     let of = |ratio: fn([f64; 3]) -> f64| {
-        Table::of(results.moving(), move |s| s.facts.settled.map(ratio)).exact(3).or(NOT_STOPPED)
+        Table::of(results.moving(), move |s| s.settled.map(ratio)).exact(3).or(NOT_STOPPED)
     };
     let table = of(|[stopped, after, _]| after / stopped)?;
     let (ours, verdict, why) = table.everywhere(&format!("below {}", b.settles), |ratio| ratio < b.settles);
@@ -56,7 +56,7 @@ pub(super) fn settling(results: &Results, b: &Bounds) -> Finding {
 }
 
 pub(super) fn memory(results: &Results, b: &Bounds) -> Finding {
-    Ok(Table::of(results.moving(), |s| s.facts.memory).exact(3).or(NOT_STOPPED)?.at_most(b.memory))
+    Ok(Table::of(results.moving(), |s| s.memory).exact(3).or(NOT_STOPPED)?.at_most(b.memory))
 }
 
 pub(super) fn fewer_cores(results: &Results, b: &Bounds) -> Finding {
@@ -106,5 +106,5 @@ pub(super) fn fast_motion(results: &Results, b: &Bounds) -> Finding {
     if let Some((middle, slow)) = mean(100).zip(mean(500)) {
         why += &format!("; frames of the loop of 100 take {:.2} of those of 500", middle / slow);
     }
-    Ok((format!("{} {all:.2}", scene.facts.label), verdict, why))
+    Ok((format!("{} {all:.2}", scene.label), verdict, why))
 }

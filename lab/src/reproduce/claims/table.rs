@@ -35,7 +35,7 @@ impl Table {
         scenes: impl IntoIterator<Item = &'a SceneRun>,
         value: impl Fn(&SceneRun) -> Option<f64>,
     ) -> Self {
-        Self::new(scenes.into_iter().map(|s| (s.facts.label.as_str(), value(s))))
+        Self::new(scenes.into_iter().map(|s| (s.label.as_str(), value(s))))
     }
 
     /// The same, of values that are alike in every run, with that many decimals.

@@ -3,7 +3,7 @@
 use super::*;
 use crate::machine::{Machine, Revision};
 use crate::reproduce::record::Row;
-use crate::reproduce::results::{Results, SceneFacts, SceneRun, Settings};
+use crate::reproduce::results::{Results, SceneRun, Settings};
 
 /// Three frames of a scene: update time, trace time and cost of each strategy.
 pub(crate) fn scene(label: &str, strategies: &[(&'static str, f64, f64, f64)]) -> SceneRun {
@@ -22,7 +22,8 @@ pub(crate) fn scene(label: &str, strategies: &[(&'static str, f64, f64, f64)]) -
             frames_per_loop: 2,
             ..Row::default()
         };
-    let facts = SceneFacts {
+    let rows = (0..3).flat_map(|frame| strategies.iter().map(move |s| row(frame, s))).collect();
+    SceneRun {
         label: label.to_owned(),
         slug: label.to_owned(),
         triangles: 10,
@@ -31,10 +32,9 @@ pub(crate) fn scene(label: &str, strategies: &[(&'static str, f64, f64, f64)]) -
         measure_every: 1,
         build_ms: 1.0,
         candidates: 0.25,
-        ..SceneFacts::default()
-    };
-    let rows = (0..3).flat_map(|frame| strategies.iter().map(move |s| row(frame, s))).collect();
-    SceneRun { facts, rows, ..SceneRun::default() }
+        rows,
+        ..SceneRun::default()
+    }
 }
 
 pub(crate) fn results(scenes: Vec<SceneRun>) -> Results {
@@ -122,7 +122,7 @@ fn the_contrary_does_not() {
 #[test]
 fn nothing_measured_decides_nothing() {
     assert!(judge(&results(Vec::new())).iter().all(|c| c.verdict == Verdict::NotRun));
-    let still = SceneRun { facts: SceneFacts { moving: 0, ..scene("x", &[]).facts }, ..SceneRun::default() };
+    let still = SceneRun { moving: 0, ..scene("x", &[]) };
     assert_eq!(verdict(&results(vec![still]), "add little"), Verdict::NotRun);
 }
 
@@ -143,7 +143,7 @@ fn the_museum_is_judged_apart() {
     };
     let other = |cost| {
         let run = scene("bart-museum:2", &[("refit+rotate", 2.0, 15.0, cost)]);
-        SceneRun { facts: SceneFacts { supplement: true, ..run.facts }, ..run }
+        SceneRun { supplement: true, ..run }
     };
     let all = results(vec![museum(400.0), other(80.0)]);
     for words in ["utter chaos", "first tree that is bad", "rebuild when quality is poor"] {
@@ -249,7 +249,7 @@ fn every_scene_but_the_museum_must_match_the_rebuild() {
     assert_eq!(found([1.0, 1.0, 1.0, 1.0, 1.2, 1.2]).verdict, Verdict::HoldsInPart);
     assert_eq!(found([1.0, 1.0, 1.0, 1.2, 1.2, 1.2]).verdict, Verdict::DoesNotHoldHere);
     let mut with_museum = six("ideal-parallel-binned", [1.0; 6]);
-    with_museum.scenes[5].facts.label = "bart-museum".to_owned();
+    with_museum.scenes[5].label = "bart-museum".to_owned();
     with_museum.scenes[5].rows.iter_mut().for_each(|row| row.trace_ms *= 1.0 + row.frame_ms);
     let found = claim(&with_museum, "but for the museum");
     assert_eq!(found.verdict, Verdict::Holds);
@@ -351,7 +351,7 @@ fn costs_have_plain_bounds() {
     assert_eq!((below.verdict, above.verdict), (Verdict::Holds, Verdict::DoesNotHoldHere));
     assert!(!below.why.contains("near") && !above.why.contains("near"));
     let mut lion = scene("lion", &[("refit", 1.0, 1.0, 1.0)]);
-    lion.facts.candidates = 0.30036;
+    lion.candidates = 0.30036;
     let found = claim(&results(vec![lion]), "a quarter of all");
     assert_eq!((found.verdict, found.ours.as_str()), (Verdict::DoesNotHoldHere, "lion 0.3004"));
 }
@@ -377,11 +377,8 @@ fn the_speed_is_judged_by_whole_loops() {
     let speeds =
         |last_of_20| [rows(20, [3.0, last_of_20, 99.0]), rows(100, [1.1; 3]), rows(500, [1.0; 3])].concat();
     for (last_of_20, expected) in [(1.2, Verdict::Holds), (2.0, Verdict::HoldsInPart)] {
-        let all = results(vec![SceneRun {
-            speed_rows: speeds(last_of_20),
-            facts: dragon.facts.clone(),
-            ..SceneRun::default()
-        }]);
+        let all =
+            results(vec![SceneRun { speed_rows: speeds(last_of_20), ..scene("exploding-dragon", &[]) }]);
         assert_eq!(verdict(&all, "speed of the animation"), expected, "{last_of_20}");
     }
     dragon.speed_rows = rows(20, [1.0; 3]);
@@ -428,7 +425,7 @@ fn a_scene_that_stops_has_to_get_better() {
     let with = |after: [f64; 2]| {
         let stopped = |(i, after): (usize, f64)| {
             let mut run = scene(&format!("scene-{i}"), &[("refit", 1.0, 1.0, 1.0)]);
-            run.facts.settled = Some([10.0, after, 9.0]);
+            run.settled = Some([10.0, after, 9.0]);
             run
         };
         claim(&results(after.into_iter().enumerate().map(stopped).collect()), "motion stops")
@@ -443,7 +440,7 @@ fn memory_is_judged_in_every_scene() {
     let with = |kept: [f64; 3]| {
         let scene_with = |(i, kept): (usize, f64)| {
             let mut run = scene(&format!("scene-{i}"), &[("refit", 1.0, 1.0, 1.0)]);
-            run.facts.memory = Some(kept);
+            run.memory = Some(kept);
             run
         };
         verdict(&results(kept.into_iter().enumerate().map(scene_with).collect()), "hardly any memory")

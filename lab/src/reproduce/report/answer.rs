@@ -72,7 +72,7 @@ fn standings<'a>(results: &'a Results) -> Vec<Standing<'a>> {
         time(scene, strategy) / fastest
     };
     let standing = |strategy: &&'a String| {
-        let over = scenes.iter().map(|scene| (over_fastest(scene, strategy), scene.facts.label.as_str()));
+        let over = scenes.iter().map(|scene| (over_fastest(scene, strategy), scene.label.as_str()));
         let over: Vec<_> = over.collect();
         let mean = (over.iter().map(|o| o.0.ln()).sum::<f64>() / over.len() as f64).exp();
         let worst = over.into_iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
