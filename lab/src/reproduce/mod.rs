@@ -32,10 +32,11 @@ use scenes::{FrameStage, Scene};
 
 use self::accuracy::Point;
 use self::journal::Journal;
+use self::lane::Lane;
 use self::options::Experiment;
 use self::output::Output;
 use self::preset::Values;
-use self::protocol::{Log, Named, Plan};
+use self::protocol::{Log, Plan};
 use self::record::Row;
 use self::results::{Results, SceneRun, Settings};
 use crate::compare::{Row as Peer, Setting};
@@ -304,15 +305,15 @@ impl<'a> Bench<'a> {
         let SceneRun { label, hottest, pictures: taken, checks, .. } = run;
         let [size, map_size] = plan.values.picture_size;
         *hottest = pictures::hottest(stage, map_size);
-        let mut take = |stage: &mut Stage, trees: &[Named<'_>], frame: usize| {
+        let mut take = |stage: &mut Stage, lanes: &[&Lane], frame: usize| {
             // All trees show the same picture, as the checks make sure.
-            let costs = trees.iter().map(|&(_, tree)| (sah_cost(tree), tree));
+            let costs = lanes.iter().map(|lane| (sah_cost(lane.tree()), lane.tree()));
             let Some((_, best)) = costs.min_by(|a, b| a.0.total_cmp(&b.0)) else { return Ok(()) };
             let png = pictures::picture(stage, best, size)?;
             taken.push(self.out.picture(label, frame, None, png)?);
-            for (name, tree) in trees.iter().filter(|(name, _)| pictures::HEAT_MAPS.contains(name)) {
-                let jpeg = pictures::heat_map(stage, tree, map_size, *hottest)?;
-                taken.push(self.out.picture(label, frame, Some(name), jpeg)?);
+            for lane in lanes.iter().filter(|lane| pictures::HEAT_MAPS.contains(&lane.name)) {
+                let jpeg = pictures::heat_map(stage, lane.tree(), map_size, *hottest)?;
+                taken.push(self.out.picture(label, frame, Some(lane.name), jpeg)?);
             }
             Ok(())
         };

@@ -23,7 +23,6 @@ use std::collections::{HashMap, HashSet};
 use std::hash::{BuildHasher, BuildHasherDefault, DefaultHasher};
 
 use anyhow::Result;
-use bvh_core::Bvh;
 use rayon::prelude::*;
 use rt_cpu::{RenderOptions, RenderStats};
 
@@ -70,15 +69,12 @@ impl Plan {
     }
 }
 
-/// A tree that fits the frame, and whose it is.
-pub(crate) type Named<'a> = (&'static str, &'a Bvh);
-
-/// Sees the stage, posed, with the trees of all strategies, on each frame that is to have its picture
-/// taken.
-pub(crate) type TakePicture<'a> = dyn FnMut(&mut Stage, &[Named<'_>], usize) -> Result<()> + 'a;
+/// Sees the stage, posed, with the strategies whose trees fit the frame, on each frame that is to
+/// have its picture taken.
+pub(super) type TakePicture<'a> = dyn FnMut(&mut Stage, &[&Lane], usize) -> Result<()> + 'a;
 
 /// What is measured already, and where the rest goes.
-pub(crate) struct Log<'a> {
+pub(super) struct Log<'a> {
     /// Rows of an earlier run, of whole steps from the first on; in `journal` already.
     pub(crate) done: Vec<Row>,
     pub(crate) journal: &'a mut Journal<Row>,
@@ -90,7 +86,7 @@ pub(crate) struct Log<'a> {
 type Shown = (&'static str, RenderStats, u64);
 
 /// Measures all frames of a scene; rows go to the log frame by frame. Ends early when interrupted.
-pub(crate) fn measure(label: &str, stage: &mut Stage, plan: &Plan, mut log: Log<'_>) -> Result<Vec<Row>> {
+pub(super) fn measure(label: &str, stage: &mut Stage, plan: &Plan, mut log: Log<'_>) -> Result<Vec<Row>> {
     let Values { size, traversal, .. } = plan.values;
     let options = RenderOptions { smooth: false, timed: true, traversal, ..stage.render_options() };
     let (mut rows, mut done) = (Vec::new(), std::mem::take(&mut log.done));
@@ -196,9 +192,8 @@ impl Run<'_> {
             self.log.journal.append(&rows)?;
             all_rows.extend(rows);
             if is_shown {
-                let current = self.lanes.iter().filter(|lane| lane.is_current);
-                let trees: Vec<_> = current.map(|lane| (lane.name, lane.tree())).collect();
-                (self.log.picture)(stage, &trees, frame)?;
+                let current: Vec<_> = self.lanes.iter().filter(|lane| lane.is_current).collect();
+                (self.log.picture)(stage, &current, frame)?;
             }
             progress.at(step as u64 + 1);
         }

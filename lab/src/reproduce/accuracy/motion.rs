@@ -10,9 +10,13 @@ use super::Point;
 use super::bench::{Log, in_turns};
 use crate::{files, interrupt, stage};
 
-/// The simulations whose step is varied, and the steps between key frames that they have of their
-/// own.
-const SIMULATED: [(&str, usize); 2] = [("cloth-ball", 80), ("n-body", 32)];
+/// The simulations: the steps between key frames that each has of its own, and the numbers of
+/// spaces between key frames that are tried, by preset. These divide those of the reference, so that
+/// all have the same steps, and lie near halves, quarters and so on of the scene's own number.
+const SIMULATED: [(&str, usize, [&[usize]; 3]); 2] = [
+    ("cloth-ball", 80, [&[6, 31, 62], &[12, 24, 48, 93, 186], &[6, 12, 24, 48, 93, 186, 372]]),
+    ("n-body", 32, [&[11, 22, 66], &[12, 24, 48, 99, 198], &[6, 12, 24, 48, 99, 198, 396]]),
+];
 
 /// Part of the triangles of the cloth that is simulated again: 961 particles, so that the 476,160
 /// steps of its reference take a minute. Those of the balls, 202,752, take as long.
@@ -24,13 +28,6 @@ const MULTIPLES: [f64; 8] = [0.0625, 0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0];
 /// Spaces between key frames of the reference, as a multiple of the scene's own number, and
 /// simulation steps in each; by preset.
 const FINEST: [[usize; 2]; 3] = [[2, 2], [64, 1], [64, 2]];
-
-/// Spaces between key frames in each simulation; by preset. They divide those of the reference, so
-/// that all have the same steps, and lie near halves, quarters and so on of the scene's own number.
-const SPACES: [[&[usize]; 3]; 2] = [
-    [&[6, 31, 62], &[12, 24, 48, 93, 186], &[6, 12, 24, 48, 93, 186, 372]],
-    [&[11, 22, 66], &[12, 24, 48, 99, 198], &[6, 12, 24, 48, 99, 198, 396]],
-];
 
 /// Key frames at which motions are compared; the last one, too.
 const COMPARED: [usize; 2] = [2, 10];
@@ -56,7 +53,7 @@ pub(super) fn steps(log: &mut Log<'_>) -> Result<()> {
     // How many times as many steps the references have.
     let finer = log.pick([2, 64, 64]);
     // They take long, and their times count for nothing, so they are made side by side.
-    let reference = |(name, own)| {
+    let reference = |(name, own, _)| {
         let options = options(log, info(name)?.frames, own * finer);
         let cached = SceneOptions { cache_dir: Some(files::scene_cache()), ..options };
         Ok((name, own, scenes::load(name, None, &cached)?.animation))
@@ -92,7 +89,7 @@ pub(super) fn steps(log: &mut Log<'_>) -> Result<()> {
 pub(super) fn key_frames(log: &mut Log<'_>) -> Result<()> {
     let [multiple, steps] = log.pick(FINEST);
     let moments = log.pick([60, 200, 500]);
-    for ((name, _), spaces) in SIMULATED.into_iter().zip(SPACES) {
+    for (name, _, spaces) in SIMULATED {
         let own = info(name)?.frames - 1;
         let finest = own * multiple;
         // Only posing is timed.
@@ -137,7 +134,7 @@ mod tests {
 
     #[test]
     fn numbers_of_key_frames_divide_the_finest() {
-        for ((name, _), spaces) in SIMULATED.into_iter().zip(SPACES) {
+        for (name, _, spaces) in SIMULATED {
             let own = info(name).expect("a scene").frames - 1;
             for (preset, (all, [multiple, _])) in spaces.into_iter().zip(FINEST).enumerate() {
                 assert!(all.iter().all(|n| (own * multiple).is_multiple_of(*n)), "{name}: {all:?}");
@@ -149,7 +146,7 @@ mod tests {
 
     #[test]
     fn the_default_step_is_the_scenes_own() {
-        for (name, own) in SIMULATED {
+        for (name, own, _) in SIMULATED {
             let with = |substeps| {
                 let options = SceneOptions {
                     key_frames: Some(3),

@@ -28,20 +28,9 @@ struct Entrant {
 }
 
 impl Entrant {
-    fn new(setting: String, is_default: bool, tree: Bvh, update: Worker) -> Self {
+    fn new(setting: String, is_default: bool, rebuilds: bool, tree: Bvh, update: Worker) -> Self {
         let (times_ms, height, errors) = (Vec::new(), 0, [0.0; 2]);
-        Self { setting, is_default, rebuilds: false, update, tree, times_ms, height, errors }
-    }
-
-    fn of(strategy: Strategy, setting: String, bench: &Bench<'_>) -> Result<Self> {
-        let mut tree = Bvh::clone(&bench.stage.first_tree);
-        let is_default = setting == Strategy::default().name();
-        let mut update = Method::Strategy(strategy).start(&mut tree, &[])?;
-        // It finds its memory, on a tree that is thrown away.
-        let warm = update(&mut tree.clone(), &bench.stage.triangles(), load_of(bench.log.size));
-        warm.with_context(|| format!("{setting} failed"))?;
-        let rebuilds = matches!(strategy, Strategy::Rebuild(..));
-        Ok(Self { rebuilds, ..Self::new(setting, is_default, tree, update) })
+        Self { setting, is_default, rebuilds, update, tree, times_ms, height, errors }
     }
 }
 
@@ -59,8 +48,16 @@ pub(super) fn strategies(bench: &mut Bench<'_>) -> Result<()> {
     let fewer = [2, 4, 8].map(|period| {
         (format!("refit+rotate at 1 node in {period}"), Strategy::RefitRotate(Rotate { period }))
     });
-    let entrants = named.chain(fewer).map(|(name, strategy)| Entrant::of(strategy, name, bench));
-    let entrants = entrants.collect::<Result<_>>()?;
+    let entrant = |(setting, strategy): (String, Strategy)| {
+        let (method, mut tree) = (Method::Strategy(strategy), Bvh::clone(&bench.stage.first_tree));
+        let mut update = method.start(&mut tree, &[])?;
+        // It finds its memory, on a tree that is thrown away.
+        let warm = update(&mut tree.clone(), &bench.stage.triangles(), load_of(bench.log.size));
+        warm.with_context(|| format!("{setting} failed"))?;
+        let is_default = setting == Strategy::default().name();
+        Ok(Entrant::new(setting, is_default, method.rebuilds(), tree, update))
+    };
+    let entrants = named.chain(fewer).map(entrant).collect::<Result<_>>()?;
     play(bench, "update strategy", "an update", entrants)
 }
 
@@ -80,7 +77,7 @@ pub(super) fn height_bounds(bench: &mut Bench<'_>) -> Result<()> {
             plain::update_below(tree, triangles, Some(Rotate::default()), MAX_HEIGHT - bound);
             Ok(Update { height: tree.height(), ..Update::default() })
         });
-        Entrant::new(setting, bound == MAX_HEIGHT, first.clone(), update)
+        Entrant::new(setting, bound == MAX_HEIGHT, false, first.clone(), update)
     };
     let entrants = std::iter::once(lowest).chain(higher).map(entrant).collect();
     play(bench, "height bound", "the plain update", entrants)
