@@ -34,36 +34,20 @@ impl Pivot {
         if fast {
             options.triangle_test = TriangleTest::MollerTrumbore;
         }
-        Self {
-            bvh,
-            indices,
-            positions,
-            camera,
-            light,
-            options,
-            pixels: vec![Pixel::default(); (size * size) as usize],
-        }
+        let pixels = vec![Pixel::default(); (size * size) as usize];
+        Self { bvh, indices, positions, camera, light, options, pixels }
     }
 
     /// Primary rays, and shadow rays if asked for. Called in a rayon pool; this is what is timed.
     pub fn cast(&mut self, shadows: bool) {
-        let triangles = Triangles { positions: &self.positions, indices: &self.indices };
-        cast(
-            &self.bvh,
-            &triangles,
-            &self.camera,
-            shadows.then_some(&self.light),
-            &self.options,
-            &mut self.pixels,
-        );
+        let Self { bvh, indices, positions, camera, light, options, pixels } = self;
+        let light = shadows.then_some(&*light);
+        cast(bvh, &Triangles { positions, indices }, camera, light, options, pixels);
     }
 
     /// Pixels that hit something, and those of them in shadow or facing away.
     pub fn counts(&self) -> (u64, u64) {
-        let hit = |p: &&Pixel| p.hit().is_some();
-        (
-            self.pixels.iter().filter(hit).count() as u64,
-            self.pixels.iter().filter(hit).filter(|p| !p.is_lit()).count() as u64,
-        )
+        let hit = || self.pixels.iter().filter(|p| p.hit().is_some());
+        (hit().count() as u64, hit().filter(|p| !p.is_lit()).count() as u64)
     }
 }

@@ -24,10 +24,7 @@ impl Pivot {
         let strategy = if rotate { Strategy::RefitRotate(Rotate::default()) } else { Strategy::Refit };
         let triangles = Triangles { positions: vectors(positions), indices };
         let mut bvh = build(&triangles, Builder::BinnedParallel).unwrap();
-        let mut indices = indices.to_vec();
-        if std::env::var_os("KEEP_ORDER").is_none() {
-            indices = bvh.reorder_primitives().into_iter().map(|p| indices[p as usize]).collect();
-        }
+        let indices = bvh.reorder_primitives().into_iter().map(|p| indices[p as usize]).collect();
         let held = std::env::args().any(|argument| argument.contains("blksse"));
         let level = if held { SimdLevel::Avx2 } else { SimdLevel::best() };
         Self { bvh, updater: Updater::with_level(Strategy::default(), level), strategy, indices }
