@@ -5,12 +5,11 @@
 
 use std::f32::consts::TAU;
 use std::ops::ControlFlow::Continue;
-use std::time::Instant;
 
 use bvh_build::{BuildOptions, Builder, build};
 use bvh_core::{Aabb, Bvh, Primitives, Ray, TriangleTest, Triangles, Vec3, Visits, closest_hit_counted};
 use bvh_update::{Decision, Load, PartialRebuild, Rotate, Strategy, Updater};
-use pivot_benches::measure::{noise, pool, quads};
+use pivot_benches::measure::{noise, pool, quads, timed};
 
 const FRAMES: usize = 120;
 const QUERIES: usize = 20_000;
@@ -20,14 +19,13 @@ fn random(seed: usize, i: usize) -> Vec3 {
     Vec3::from_array([0, 1, 2].map(|axis| 2.0 * noise(i * 8 + 3 * seed + axis) - 1.0))
 }
 
-/// A strategy with its tree, the times of its frames, and what it decided.
+/// A strategy with its tree, the times of its frames, and how often it decided something.
 struct Lane {
     strategy: Strategy,
     updater: Updater,
     bvh: Bvh,
-    update_ms: f64,
-    query_ms: f64,
-    longest_ms: f64,
+    /// Milliseconds of each update, and of the queries after it.
+    frames: Vec<[f64; 2]>,
     decisions: usize,
 }
 
@@ -37,7 +35,7 @@ impl Lane {
         let bvh = build(primitives, Builder::BinnedParallel).expect("few enough");
         let lane = |strategy| {
             let (updater, bvh) = (Updater::new(strategy), bvh.clone());
-            Self { strategy, updater, bvh, update_ms: 0.0, query_ms: 0.0, longest_ms: 0.0, decisions: 0 }
+            Self { strategy, updater, bvh, frames: Vec::new(), decisions: 0 }
         };
         let rebuild = |builder| Strategy::Rebuild(builder, BuildOptions::default());
         [
@@ -57,15 +55,11 @@ impl Lane {
         primitives: &(impl Primitives + ?Sized),
         query: impl FnOnce(&Bvh) -> (T, Load),
     ) -> T {
-        let start = Instant::now();
-        let update = self.updater.update(&mut self.bvh, primitives).expect("same count");
-        let updated = start.elapsed().as_secs_f64() * 1e3;
-        let (found, load) = query(&self.bvh);
-        let frame = start.elapsed().as_secs_f64() * 1e3;
+        let (update_ns, update) =
+            timed(|| self.updater.update(&mut self.bvh, primitives).expect("same count"));
+        let (query_ns, (found, load)) = timed(|| query(&self.bvh));
         self.updater.report(load);
-        self.update_ms += updated;
-        self.query_ms += frame - updated;
-        self.longest_ms = self.longest_ms.max(frame);
+        self.frames.push([update_ns, query_ns].map(|ns| ns / 1e6));
         self.decisions += usize::from(update.decision != Decision::AsAlways);
         found
     }
@@ -73,16 +67,16 @@ impl Lane {
 
 fn print(what: &str, lanes: &[Lane]) {
     println!("{what}\n{:22}  update  queries  frame  longest (ms)  decisions", "");
-    for lane in lanes {
-        let [update, query] = [lane.update_ms, lane.query_ms].map(|sum| sum / FRAMES as f64);
-        let (name, frame) = (lane.strategy.name(), update + query);
-        println!(
-            "{name:22} {update:7.2} {query:8.2} {frame:6.2} {:8.2} {:16}",
-            lane.longest_ms, lane.decisions
-        );
+    let mut means = Vec::new();
+    for Lane { strategy, frames, decisions, .. } in lanes {
+        let mean = |part: usize| frames.iter().map(|frame| frame[part]).sum::<f64>() / FRAMES as f64;
+        let (name, update, query) = (strategy.name(), mean(0), mean(1));
+        let frame = update + query;
+        let longest = frames.iter().map(|[update, query]| update + query).fold(0.0, f64::max);
+        println!("{name:22} {update:7.2} {query:8.2} {frame:6.2} {longest:8.2} {decisions:16}");
+        means.push(frame);
     }
-    let frames: Vec<f64> = lanes.iter().map(|lane| lane.update_ms + lane.query_ms).collect();
-    println!("auto over lbvh: {:.2}\n", frames[0] / frames[1]);
+    println!("auto over lbvh: {:.2}\n", means[0] / means[1]);
 }
 
 /// Pieces of a torus fly apart, each also turning away from its neighbours in the end.

@@ -115,9 +115,6 @@ impl Prices {
     }
 }
 
-/// Some of the blocks below one: its number, and from where to where among them.
-type Siblings = (usize, usize, usize);
-
 /// What a worker is at, in the order of ends.
 #[derive(PartialEq, Eq, PartialOrd, Ord)]
 enum Work {
@@ -125,8 +122,8 @@ enum Work {
     Down(usize),
     /// Second half.
     Up(usize),
-    /// Fetching what it has stolen.
-    Theft(Siblings),
+    /// Fetching blocks that it has stolen.
+    Theft(Vec<usize>),
 }
 
 /// A pool of workers that steal: each takes the newest of what it has put off, else the oldest of
@@ -138,7 +135,8 @@ struct Pool<'a> {
     /// Blocks below each, and how many of them have not ended.
     below: Vec<Vec<usize>>,
     open: Vec<usize>,
-    put_off: Vec<VecDeque<Siblings>>,
+    /// Blocks that each worker has put off, siblings together.
+    put_off: Vec<VecDeque<Vec<usize>>>,
     /// By end and worker.
     busy: BinaryHeap<Reverse<(u64, usize, Work)>>,
 }
@@ -159,7 +157,7 @@ fn scheduled(costs: &[BlockCost], workers: usize, prices: Prices) -> u64 {
         match work {
             Work::Theft(siblings) => pool.share(now, worker, siblings),
             Work::Down(block) if pool.open[block] == 0 => pool.begin(now, worker, Work::Up(block)),
-            Work::Down(block) => pool.share(now, worker, (block, 0, pool.open[block])),
+            Work::Down(block) => pool.share(now, worker, pool.below[block].clone()),
             Work::Up(block) => {
                 let above = costs[block].parent.inspect(|&parent| pool.open[parent] -= 1);
                 if let Some(parent) = above.filter(|&parent| pool.open[parent] == 0) {
@@ -187,14 +185,13 @@ impl Pool<'_> {
     }
 
     /// Begins with the first of some blocks and puts off the others, half by half.
-    fn share(&mut self, mut now: u64, worker: usize, (parent, first, mut end): Siblings) {
-        while end - first > 1 {
-            let half = first + (end - first) / 2;
-            self.put_off[worker].push_back((parent, half, end));
-            end = half;
+    fn share(&mut self, mut now: u64, worker: usize, mut siblings: Vec<usize>) {
+        while siblings.len() > 1 {
+            let half = siblings.split_off(siblings.len() / 2);
+            self.put_off[worker].push_back(half);
             now += self.prices.join;
         }
-        self.begin(now, worker, Work::Down(self.below[parent][first]));
+        self.begin(now, worker, Work::Down(siblings[0]));
     }
 
     /// Steals from the next in line that has put off something; whether there is one.
