@@ -141,8 +141,6 @@ fn frames(args: &Args, target: &Target, stage: &mut Stage, wanted: Range<usize>)
     let (mut film, mut filmed) = (Vec::new(), 0);
     let mut encoder = GifEncoder::new_with_speed(&mut film, 10);
     encoder.set_repeat(Repeat::Infinite)?;
-    let image = || Image::new(args.size.0, args.size.1);
-    let mut picture = Picture { image: image(), sample: image(), options, samples };
     // A rebuilt tree depends on its own frame only.
     let first = if matches!(args.strategy, Strategy::Rebuild(..)) { wanted.start } else { 0 };
     let steps = |frame: usize| {
@@ -161,16 +159,14 @@ fn frames(args: &Args, target: &Target, stage: &mut Stage, wanted: Range<usize>)
                 stage.smooth();
             }
             let done = |sample: u32| progress.at(steps(frame) + u64::from(sample));
-            if !picture.take(stage, &tree, done) {
-                break;
-            }
+            let Some(image) = picture(stage, &tree, args.size, &options, samples, done) else { break };
             let path = target.file(label, frame);
             if let Target::Film(_) = target {
-                encoder.encode_frame(film_frame(&picture.image)?)?;
+                encoder.encode_frame(film_frame(&image)?)?;
                 filmed += 1;
             } else {
                 let is_exr = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"));
-                let file = if is_exr { picture.image.exr() } else { picture.image.png() };
+                let file = if is_exr { image.exr() } else { image.png() };
                 let file = file.with_context(|| format!("{}: cannot be encoded", path.display()))?;
                 files::write_and_name(&path, &file)?;
             }
@@ -202,39 +198,34 @@ fn remark_on_broken(triangles: &Triangles<'_>) {
     }
 }
 
-/// An image, with room for one of its samples, and how it is taken.
-struct Picture {
-    image: Image,
-    sample: Image,
-    options: RenderOptions,
+/// The mean of the samples; nothing if interrupted before the last.
+fn picture(
+    stage: &Stage,
+    tree: &Bvh,
+    (width, height): (u32, u32),
+    options: &RenderOptions,
     samples: u32,
-}
-
-impl Picture {
-    /// Takes the mean of the samples; false if interrupted before the last.
-    fn take(&mut self, stage: &Stage, tree: &Bvh, done: impl Fn(u32)) -> bool {
-        let (samples, options) = (self.samples, self.options);
-        let (mesh, light) = (stage.mesh(), stage.light());
-        let camera = stage.camera(self.image.width(), self.image.height());
-        let looks = options.effects.ambient_occlusion.is_some() || options.effects.diffuse_bounces.is_some();
-        let wide = (samples > 1 && looks).then(|| {
-            let mut wide = Bvh8::default();
-            wide.update(tree, &mesh.triangles);
-            wide
-        });
-        self.image = Image::new(self.image.width(), self.image.height());
-        for sample in 0..samples {
-            if sample > 0 && interrupt::requested() {
-                return false;
-            }
-            done(sample);
-            let (image, options) = (&mut self.sample, RenderOptions { sample, ..options });
-            render_with(tree, wide.as_ref(), &mesh, &camera, Some(&light), &options, image);
-            self.image.add(image);
+    done: impl Fn(u32),
+) -> Option<Image> {
+    let (mesh, light, camera) = (stage.mesh(), stage.light(), stage.camera(width, height));
+    let looks = options.effects.ambient_occlusion.is_some() || options.effects.diffuse_bounces.is_some();
+    let wide = (samples > 1 && looks).then(|| {
+        let mut wide = Bvh8::default();
+        wide.update(tree, &mesh.triangles);
+        wide
+    });
+    let [mut mean, mut image] = [(); 2].map(|()| Image::new(width, height));
+    for sample in 0..samples {
+        if sample > 0 && interrupt::requested() {
+            return None;
         }
-        self.image.scale(1.0 / samples as f32);
-        true
+        done(sample);
+        let options = RenderOptions { sample, ..*options };
+        render_with(tree, wide.as_ref(), &mesh, &camera, Some(&light), &options, &mut image);
+        mean.add(&image);
     }
+    mean.scale(1.0 / samples as f32);
+    Some(mean)
 }
 
 /// An image of a film, shown for 40 ms: GIFs count hundredths of a second.
