@@ -51,10 +51,15 @@ enum What {
 /// Scenes compared unless others are named: the motions and sizes that the update was made for.
 /// Whole frames are compared on every scene: what a strategy must not do is fail on one of them.
 const SCENES: [&str; 4] = ["cloth-ball", "n-body", "exploding-dragon", "lion"];
-/// Measured frames of a loop: of updates and of whole frames, whose worst ones count, too; and of
-/// the rest.
-const UPDATE_FRAMES: usize = 20;
-const OTHER_FRAMES: usize = 5;
+/// What each measurement is a contest of, and how many frames of a loop are measured unless a number
+/// is given: more of updates and of whole frames, whose worst ones count, too.
+const CONTESTS: [(What, Contest, usize); 5] = [
+    (What::Update, Contest::Update, 20),
+    (What::Build, Contest::Build, 5),
+    (What::Trace, Contest::Trace, 5),
+    (What::Incoherent, Contest::Incoherent, 5),
+    (What::Frame, Contest::Frame, 20),
+];
 /// Pixels on each side of the traced image.
 const SIZE: u32 = 1024;
 
@@ -148,18 +153,10 @@ impl Setting {
 }
 
 impl What {
-    fn contests(self) -> &'static [Contest] {
-        match self {
-            Self::Update => &[Contest::Update],
-            Self::Trace => &[Contest::Trace],
-            Self::Incoherent => &[Contest::Incoherent],
-            Self::Build => &[Contest::Build],
-            Self::Frame => &[Contest::Frame],
-            Self::Hard => &[],
-            Self::All => {
-                &[Contest::Update, Contest::Build, Contest::Trace, Contest::Incoherent, Contest::Frame]
-            }
-        }
+    /// The contests, each with how many frames are measured.
+    fn contests(self) -> impl Iterator<Item = (Contest, usize)> {
+        let named = CONTESTS.into_iter().filter(move |(what, ..)| [*what, Self::All].contains(&self));
+        named.map(|(_, contest, frames)| (contest, frames))
     }
 }
 
@@ -167,7 +164,7 @@ impl What {
 fn ensure_used(args: &Args) -> Result<()> {
     let what = args.what;
     let name = what.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned());
-    let (is_timed, plays) = (what != What::Hard, what.contests().contains(&Contest::Frame));
+    let (is_timed, plays) = (what != What::Hard, [What::Frame, What::All].contains(&what));
     let traces = is_timed && ![What::Update, What::Build].contains(&what);
     let timed = "update, build, trace, incoherent or frame";
     for (option, given, used, by) in [
@@ -187,7 +184,7 @@ fn ensure_used(args: &Args) -> Result<()> {
 
 /// An error if one of the names is nobody's.
 fn ensure_known(what: What, only: &[String], embree: Option<&Device>) -> Result<()> {
-    let entries = what.contests().iter().flat_map(|&contest| field(contest, embree));
+    let entries = what.contests().flat_map(|(contest, _)| field(contest, embree));
     let names: Vec<String> = entries.map(|entry| entry.name).collect();
     for wanted in only {
         let is_known = names.iter().any(|name| name.contains(wanted));
@@ -212,14 +209,14 @@ pub fn run(args: &Args) -> Result<()> {
             _ => hard::run(args.embree.as_deref()),
         };
     }
-    let default_scenes: Vec<String> = match args.what {
-        What::Frame => scenes::list().iter().map(|info| info.name.to_owned()).collect(),
-        _ => SCENES.map(str::to_owned).to_vec(),
+    let sources: Vec<&str> = match args.what {
+        _ if !args.scenes.is_empty() => args.scenes.iter().map(String::as_str).collect(),
+        What::Frame => scenes::list().iter().map(|info| info.name).collect(),
+        _ => SCENES.to_vec(),
     };
-    let sources = if args.scenes.is_empty() { &default_scenes } else { &args.scenes };
     let load = |source: &str| stage::load_with(source, None, SceneOptions::default());
     let mut loaded = Vec::new();
-    for (source, label) in sources.iter().zip(stage::labels(sources)) {
+    for (source, label) in sources.iter().zip(stage::labels(&sources)) {
         let scene = stage::load_first(source, || load(source))?;
         let is_empty = scene.as_ref().is_some_and(|scene| scene.animation.topology().triangles.is_empty());
         ensure!(!is_empty, "{source}: no triangles, so nothing to compare");
@@ -333,15 +330,11 @@ fn run_scene(
             size: args.size.unwrap_or(SIZE),
         };
         let pool = pool::pool(threads)?;
-        for &contest in args.what.contests() {
+        for (contest, frames) in args.what.contests() {
             if setting.field(contest).is_empty() || interrupt::requested() {
                 continue;
             }
-            let default = match contest {
-                Contest::Update | Contest::Frame => UPDATE_FRAMES,
-                _ => OTHER_FRAMES,
-            };
-            setting.frames = args.frames.map_or(default, |n| n as usize);
+            setting.frames = args.frames.map_or(frames, |n| n as usize);
             let rows = pool.install(|| setting.measure(contest, &mut stage))?;
             let tables = table::tables(&rows);
             report.rows.extend(rows);
