@@ -11,9 +11,6 @@ use libloading::Library;
 use super::load::NotFound;
 use crate::Failure;
 
-/// Name in messages.
-pub(super) const WHO: &str = "embree";
-
 pub(super) const SCENE_DYNAMIC: c_int = 1;
 pub(super) const SCENE_ROBUST: c_int = 4;
 pub(super) const GEOMETRY_TRIANGLE: c_int = 0;
@@ -204,7 +201,7 @@ impl DeviceHandle {
     /// The error that was reported since the last time, if any.
     pub(super) fn check(&self) -> Result<(), Failure> {
         match self.error.lock().unwrap_or_else(PoisonError::into_inner).take() {
-            Some(what) => Err(Failure { who: WHO, what }),
+            Some(what) => Err(Failure { who: "embree", what }),
             None => Ok(()),
         }
     }

@@ -55,8 +55,7 @@ pub(super) struct Scene {
     device: Arc<DeviceHandle>,
     scene: Handle,
     geometry: Handle,
-    width: Width,
-    coherent: bool,
+    config: Config,
     /// Shared with Embree: neither is ever moved or resized.
     positions: Box<[Vec3]>,
     indices: Box<[[u32; 3]]>,
@@ -89,9 +88,8 @@ impl Scene {
         let scene = unsafe {
             let scene = (api.new_scene)(device.handle);
             let geometry = (api.new_geometry)(device.handle, api::GEOMETRY_TRIANGLE);
-            let Config { width, coherent, .. } = config;
             let device = Arc::clone(device);
-            let scene = Self { device, scene, geometry, width, coherent, positions, indices };
+            let scene = Self { device, scene, geometry, config, positions, indices };
             scene.device.check()?;
             (api.set_scene_flags)(scene.scene, flags);
             (api.set_scene_quality)(scene.scene, scene_quality as c_int);
@@ -111,7 +109,7 @@ impl Scene {
 
     /// Packets of N; whatever is behind the last ray is masked out.
     fn closest_packets<const N: usize>(&self, query: QueryN, rays: &Rays, hits: &mut Hits) {
-        let mut extra = Extra::new(self.device.version, self.coherent);
+        let mut extra = Extra::new(self.device.version, self.config.coherent);
         let mut packet = RayHit::<N>::new();
         for first in (0..rays.len()).step_by(N) {
             let valid = packet.load(rays, first);
@@ -134,7 +132,7 @@ impl Scene {
     }
 
     fn occluded_packets<const N: usize>(&self, query: QueryN, rays: &Rays, blocked: &mut [bool; RAYS]) {
-        let mut extra = Extra::new(self.device.version, self.coherent);
+        let mut extra = Extra::new(self.device.version, self.config.coherent);
         let mut packet = RayHit::<N>::new();
         for first in (0..rays.len()).step_by(N) {
             let valid = packet.load(rays, first);
@@ -225,7 +223,7 @@ impl Contestant for Scene {
 
     fn closest(&self, rays: &Rays, hits: &mut Hits) {
         let api = &self.device.api;
-        match self.width {
+        match self.config.width {
             Width::One => self.closest_one_by_one(api.intersect1, rays, hits),
             Width::Eight => self.closest_packets::<8>(api.intersect8, rays, hits),
             Width::Sixteen => self.closest_packets::<16>(api.intersect16, rays, hits),
@@ -234,7 +232,7 @@ impl Contestant for Scene {
 
     fn occluded(&self, rays: &Rays, blocked: &mut [bool; RAYS]) {
         let api = &self.device.api;
-        match self.width {
+        match self.config.width {
             Width::One => self.occluded_one_by_one(api.occluded1, rays, blocked),
             Width::Eight => self.occluded_packets::<8>(api.occluded8, rays, blocked),
             Width::Sixteen => self.occluded_packets::<16>(api.occluded16, rays, blocked),
