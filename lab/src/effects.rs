@@ -138,31 +138,31 @@ pub(crate) struct Cost {
     ms: [f64; 4],
 }
 
-/// Measures each of the scene's own effects of a kind: with all others, left out, and alone.
-fn costs<E: Flags + Copy, S: Clone>(
+/// Measures each of the scene's own effects of a kind: with all others, left out, and alone. A
+/// measurement gives what each of `effects` counted, and milliseconds.
+fn costs<E: Flags + Copy>(
     kind: &str,
-    effects: &[E],
+    effects: [E; 4],
     own: E,
-    name: fn(E) -> String,
-    count: fn(&S, E) -> u64,
-    mut measure: impl FnMut(E) -> Result<(S, f64)>,
+    name: impl Fn(E) -> String,
+    mut measure: impl FnMut(E) -> Result<([u64; 4], f64)>,
 ) -> Result<Vec<Cost>> {
-    let effects: Vec<_> = effects.iter().copied().filter(|effect| own.contains(*effect)).collect();
-    if effects.is_empty() {
+    let called_for: Vec<usize> = (0..effects.len()).filter(|&i| own.contains(effects[i])).collect();
+    if called_for.is_empty() {
         return Ok(Vec::new());
     }
     let (everything, nothing) = (measure(own)?, measure(E::empty())?);
-    let cost = |&effect: &E| {
+    let cost = |i: usize| {
         // Without the only effect there is none, and alone it is everything.
-        let [without, alone] = match effects.len() {
-            1 => [nothing.clone(), everything.clone()],
-            _ => [measure(own.difference(effect))?, measure(effect)?],
+        let [without, alone] = match called_for.len() {
+            1 => [nothing, everything],
+            _ => [measure(own.difference(effects[i]))?, measure(effects[i])?],
         };
-        let counts = [&everything, &without, &alone].map(|(stats, _)| count(stats, effect));
+        let counts = [everything, without, alone].map(|(counts, _)| counts[i]);
         let ms = [everything.1, without.1, alone.1, nothing.1];
-        Ok(Cost { kind: kind.to_owned(), effect: name(effect), counts, ms })
+        Ok(Cost { kind: kind.to_owned(), effect: name(effects[i]), counts, ms })
     };
-    effects.iter().map(cost).collect()
+    called_for.iter().copied().map(cost).collect()
 }
 
 /// How much of a scene is played, and how large its pictures are.
@@ -190,26 +190,21 @@ pub(crate) fn measure(source: &str, clip: Option<&str>, played: Played) -> Resul
     let mut play = |effects| play(played, &mut scene, effects);
 
     let name = |simulated| Effects { simulated, ..Effects::default() }.to_string();
-    let count_of = |stats: &SimulationStats, effect| match effect {
-        Simulated::FRACTURE => stats.fracture,
-        Simulated::GRAVITY => stats.gravity,
-        Simulated::CLOTH => stats.cloth,
-        _ => stats.contact,
-    };
-    let mut found = costs("simulation", &SIMULATED, own.simulated, name, count_of, |simulated| {
+    let mut found = costs("simulation", SIMULATED, own.simulated, name, |simulated| {
         let without = Simulated::all() - simulated;
-        let (scene, time) = stage::simulated(source, SceneOptions { without, ..options.clone() })?;
-        Ok((scene.simulated, time))
+        let (scene, ms) = stage::simulated(source, SceneOptions { without, ..options.clone() })?;
+        let SimulationStats { fracture, gravity, cloth, contact, .. } = scene.simulated;
+        Ok(([fracture, gravity, cloth, contact], ms))
     })?;
     let name = |kind| FrameStage::Motion(kind).name();
-    let count_of = |rows: &Vec<Row>, kind| count(rows, FrameStage::Motion(kind));
-    found.extend(costs("motion", &MOTION, own.motion, name, count_of, |motion| {
-        play(Effects { motion, ..own }).map(|(rows, [motion_ms, _])| (rows, motion_ms))
+    found.extend(costs("motion", MOTION, own.motion, name, |motion| {
+        let (rows, [motion_ms, _]) = play(Effects { motion, ..own })?;
+        Ok((MOTION.map(|kind| count(&rows, FrameStage::Motion(kind))), motion_ms))
     })?);
     let name = |effect| FrameStage::Light(effect).name();
-    let count_of = |rows: &Vec<Row>, effect| count(rows, FrameStage::Light(effect));
-    found.extend(costs("light", &LIGHT, own.light, name, count_of, |light| {
-        play(Effects { light, ..own }).map(|(rows, [_, light_ms])| (rows, light_ms))
+    found.extend(costs("light", LIGHT, own.light, name, |light| {
+        let (rows, [_, light_ms]) = play(Effects { light, ..own })?;
+        Ok((LIGHT.map(|effect| count(&rows, FrameStage::Light(effect))), light_ms))
     })?);
     Ok(found)
 }
