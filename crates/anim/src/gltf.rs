@@ -138,13 +138,11 @@ impl<'a> Loader<'a> {
         let all: Vec<_> = animation.instances.iter().collect();
         animation.write(&all, Motion::all(), 0.0, &mut rest);
         animation.model.rest = rest;
+        let (globals, mut normals) =
+            (animation.nodes.globals(0.0), vec![Vec3::ZERO; animation.model.rest.len()]);
         let still = animation.instances.iter().filter(|instance| instance.motion.is_empty());
-        if still.clone().any(|instance| instance.normals().is_some()) {
-            let mut normals = vec![Vec3::ZERO; animation.model.rest.len()];
-            let globals = animation.nodes.globals(0.0);
-            still.for_each(|instance| animation.write_normals(instance, &globals, &mut normals));
-            animation.still_normals = normals;
-        }
+        still.for_each(|instance| animation.write_normals(instance, &globals, &mut normals));
+        animation.still_normals = normals;
         animation.instances.retain(|instance| !instance.motion.is_empty());
         if !animation.model.topology.texcoords.is_empty() {
             animation.model.topology.texcoords.resize(animation.model.topology.vertex_count, Vec2::ZERO);

@@ -55,7 +55,7 @@ impl<'a> Accessors<'a> {
         let element = |bytes: &[u8]| {
             let mut element = [T::default(); N];
             for (value, bytes) in element.iter_mut().zip(bytes.chunks_exact(kind.size())) {
-                *value = T::decode(bytes, kind, accessor.normalized)?;
+                *value = T::decode(bits(bytes), kind, accessor.normalized)?;
             }
             Some(element)
         };
@@ -89,7 +89,7 @@ impl<'a> Accessors<'a> {
             let at = self.elements(at.buffer_view, at.byte_offset.0, few, index_kind.size(), place)?;
             let values = self.elements(values.buffer_view, values.byte_offset.0, few, size, place)?;
             for few in 0..few as usize {
-                let at = u32::decode(at(few), index_kind, false).ok_or_else(unfit)?;
+                let at = u32::decode(bits(at(few)), index_kind, false).ok_or_else(unfit)?;
                 if u64::from(at) >= count {
                     let expected = format!("an index below the accessor's count {count}");
                     return Err(Problem::new(place, format!("index {at}"), expected));
@@ -166,8 +166,9 @@ pub(super) trait Component: Copy + Default {
     /// How errors name them.
     const NAME: &'static str;
 
-    /// `None` where components of this type cannot be read so.
-    fn decode(bytes: &[u8], kind: ComponentType, normalized: bool) -> Option<Self>;
+    /// From the bits of a component, with zeros above them. `None` where components of this type
+    /// cannot be read so.
+    fn decode(bits: u32, kind: ComponentType, normalized: bool) -> Option<Self>;
 }
 
 /// Integers are converted, and scaled to [-1, 1] or [0, 1] if declared normalised (glTF 2.0
@@ -175,30 +176,28 @@ pub(super) trait Component: Copy + Default {
 impl Component for f32 {
     const NAME: &'static str = "numbers";
 
-    fn decode(bytes: &[u8], kind: ComponentType, normalized: bool) -> Option<Self> {
-        let (value, largest) = match (kind, bytes) {
-            (ComponentType::I8, &[a]) => (f32::from(a as i8), 127.0),
-            (ComponentType::U8, &[a]) => (f32::from(a), 255.0),
-            (ComponentType::I16, &[a, b]) => (f32::from(i16::from_le_bytes([a, b])), 32767.0),
-            (ComponentType::U16, &[a, b]) => (f32::from(u16::from_le_bytes([a, b])), 65535.0),
-            (ComponentType::U32, &[a, b, c, d]) => (u32::from_le_bytes([a, b, c, d]) as f32, u32::MAX as f32),
-            (ComponentType::F32, &[a, b, c, d]) => return Some(f32::from_le_bytes([a, b, c, d])),
-            _ => return None,
+    fn decode(bits: u32, kind: ComponentType, normalized: bool) -> Option<Self> {
+        let (value, largest) = match kind {
+            ComponentType::I8 => (f32::from(bits as i8), 127.0),
+            ComponentType::U8 => (bits as f32, 255.0),
+            ComponentType::I16 => (f32::from(bits as i16), 32767.0),
+            ComponentType::U16 => (bits as f32, 65535.0),
+            ComponentType::U32 => (bits as f32, u32::MAX as f32),
+            ComponentType::F32 => return Some(f32::from_bits(bits)),
         };
         Some(if normalized { (value / largest).max(-1.0) } else { value })
     }
 }
 
-/// Unsigned integers of 8, 16 or 32 bits.
 impl Component for u32 {
     const NAME: &'static str = "unsigned integers";
 
-    fn decode(bytes: &[u8], kind: ComponentType, _: bool) -> Option<Self> {
-        match (kind, bytes) {
-            (ComponentType::U8, &[a]) => Some(u32::from(a)),
-            (ComponentType::U16, &[a, b]) => Some(u32::from(u16::from_le_bytes([a, b]))),
-            (ComponentType::U32, &[a, b, c, d]) => Some(u32::from_le_bytes([a, b, c, d])),
-            _ => None,
-        }
+    fn decode(bits: u32, kind: ComponentType, _: bool) -> Option<Self> {
+        matches!(kind, ComponentType::U8 | ComponentType::U16 | ComponentType::U32).then_some(bits)
     }
+}
+
+/// Up to four bytes as a number, the lowest first.
+fn bits(bytes: &[u8]) -> u32 {
+    bytes.iter().rfold(0, |bits, &byte| bits << 8 | u32::from(byte))
 }

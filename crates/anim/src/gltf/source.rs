@@ -34,8 +34,7 @@ pub(super) fn document(bytes: &[u8]) -> Result<(Root, Blob<'_>), Problem> {
     if bytes.is_empty() {
         return Err(Problem::new("start of file", "an empty file", "glTF 2.0"));
     }
-    let (json, blob) =
-        if bytes.starts_with(b"glTF") { glb_chunks(bytes)? } else { (Cow::Borrowed(bytes), None) };
+    let (json, blob) = chunks(bytes)?;
     let root = Root::from_slice(&json)
         .or_else(|error| as_the_parser_wants(&json).ok_or(error))
         .map_err(|error| Problem::new("JSON", error, "a glTF 2.0 document in JSON"))?;
@@ -74,8 +73,7 @@ fn as_the_parser_wants(json: &[u8]) -> Option<Root> {
 /// The translation of each node that has one, with all the digits that stand in the JSON text;
 /// [`Root`] rounds them to `f32`.
 pub(super) fn translations(bytes: &[u8]) -> Result<Vec<Option<DVec3>>, Problem> {
-    let json = if bytes.starts_with(b"glTF") { glb_chunks(bytes)?.0 } else { Cow::Borrowed(bytes) };
-    let document: Value = serde_json::from_slice(&json)
+    let document: Value = serde_json::from_slice(&chunks(bytes)?.0)
         .map_err(|error| Problem::new("JSON", error, "nodes of a glTF 2.0 document"))?;
     let three_from = |first: usize, numbers: &Value| {
         let number = |i: usize| numbers.get(first + i)?.as_f64();
@@ -85,9 +83,12 @@ pub(super) fn translations(bytes: &[u8]) -> Result<Vec<Option<DVec3>>, Problem> 
     Ok(document["nodes"].as_array().into_iter().flatten().map(of).collect())
 }
 
-/// The JSON chunk, and the BIN chunk if there is one.
-fn glb_chunks(bytes: &[u8]) -> Result<(Cow<'_, [u8]>, Blob<'_>), Problem> {
+/// The JSON text, and the BIN chunk if there is one.
+fn chunks(bytes: &[u8]) -> Result<(Cow<'_, [u8]>, Blob<'_>), Problem> {
     const HEADER: usize = 12;
+    if !bytes.starts_with(b"glTF") {
+        return Ok((Cow::Borrowed(bytes), None));
+    }
     // The parser subtracts the header's length from the declared one without looking.
     let declared =
         bytes.get(8..).and_then(<[u8]>::first_chunk).map_or(0, |&b| u32::from_le_bytes(b)) as usize;
