@@ -4,6 +4,11 @@ use std::path::{Component, Path, PathBuf};
 
 use crate::error::{LoadError, Problem};
 
+/// What kind of file a name says it is: its extension, in lower case.
+pub(crate) fn extension(file: &Path) -> String {
+    file.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase()
+}
+
 /// The path that a relative name stands for, if that stays below the folder it is relative to.
 pub(crate) fn below_folder(name: &str) -> Option<PathBuf> {
     let mut path = PathBuf::new();

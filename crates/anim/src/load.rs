@@ -5,7 +5,7 @@ use std::path::Path;
 use glam::{DVec3, Vec3};
 
 use crate::error::LoadError;
-use crate::files::{irregular, read_file};
+use crate::files::{extension, irregular, read_file};
 use crate::{Animation, aff, gltf, mesh_file, sequence};
 
 /// What of a file is loaded, and relative to which point; by default all of it, as it stands there.
@@ -59,7 +59,7 @@ pub struct LoadOptions<'a> {
 /// of the kind, or does not have the clip.
 pub fn load(path: &Path, options: &LoadOptions<'_>) -> Result<Box<dyn Animation>, LoadError> {
     let kind = std::fs::metadata(path).map_err(LoadError::io(path))?;
-    let extension = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    let extension = extension(path);
     match &*extension {
         _ if kind.is_dir() => Ok(Box::new(sequence::load(path, origin_without_clip(path, options)?)?)),
         "aff" => Ok(Box::new(aff::load(path, origin_without_clip(path, options)?)?)),
@@ -76,11 +76,10 @@ pub fn load(path: &Path, options: &LoadOptions<'_>) -> Result<Box<dyn Animation>
 /// # Errors
 /// As [`load`].
 pub fn parse(file: &Path, bytes: &[u8], options: &LoadOptions<'_>) -> Result<Box<dyn Animation>, LoadError> {
-    let extension = file.extension().unwrap_or_default();
-    if extension.eq_ignore_ascii_case("glb") || extension.eq_ignore_ascii_case("gltf") {
-        return Ok(Box::new(gltf::parse(file, bytes, options)?));
-    }
-    Ok(Box::new(mesh_file::parse(file, bytes, origin_without_clip(file, options)?)?))
+    Ok(match &*extension(file) {
+        "glb" | "gltf" => Box::new(gltf::parse(file, bytes, options)?),
+        _ => Box::new(mesh_file::parse(file, bytes, origin_without_clip(file, options)?)?),
+    })
 }
 
 /// The origin for something without clips; a clip of it is refused.

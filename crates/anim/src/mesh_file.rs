@@ -11,19 +11,14 @@ use std::path::Path;
 use glam::DVec3;
 
 use crate::error::{LoadError, Problem};
+use crate::files::extension;
 use crate::{DEFAULT_SECONDS_PER_FRAME, KeyFrames, Model};
 
 /// Whether [`load`](crate::load) takes a file of this name for a mesh without an animation, camera
 /// or lights: .obj, .ply or .stl, in upper or lower case.
 #[must_use]
 pub fn is_mesh_file(file: &Path) -> bool {
-    format_of(file).is_some()
-}
-
-/// The kind of mesh file, by the extension of its name in upper or lower case.
-pub(crate) fn format_of(file: &Path) -> Option<&'static str> {
-    let extension = file.extension()?.to_str()?;
-    ["obj", "ply", "stl"].into_iter().find(|format| extension.eq_ignore_ascii_case(format))
+    matches!(&*extension(file), "obj" | "ply" | "stl")
 }
 
 /// Reads a mesh that stands still, relative to `origin`.
@@ -39,12 +34,14 @@ fn unmarked(text: &[u8]) -> &[u8] {
 
 /// Reads a mesh whose positions are relative to `origin`; it says nothing yet about what moves.
 pub(crate) fn read_mesh(file: &Path, bytes: &[u8], origin: DVec3) -> Result<Model, LoadError> {
-    let model = match format_of(file) {
-        None => return Err(LoadError::unsupported(file, "another kind of mesh")),
-        Some(_) if bytes.is_empty() => Err(Problem::new("start of file", "an empty file", "a mesh")),
-        Some("obj") => obj::read(bytes, file, origin),
-        Some("ply") => ply::read(bytes, file, origin),
-        Some(_) => stl::read(bytes, origin),
+    if !is_mesh_file(file) {
+        return Err(LoadError::unsupported(file, "another kind of mesh"));
+    }
+    let model = match &*extension(file) {
+        _ if bytes.is_empty() => Err(Problem::new("start of file", "an empty file", "a mesh")),
+        "obj" => obj::read(bytes, file, origin),
+        "ply" => ply::read(bytes, file, origin),
+        _ => stl::read(bytes, origin),
     };
     let model = model.map_err(|problem| problem.in_file(file))?;
     if model.topology.triangles.is_empty() {

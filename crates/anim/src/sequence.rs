@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 
 use crate::error::{LoadError, Problem};
-use crate::files::read_beside;
-use crate::mesh_file::{format_of, read_mesh};
+use crate::files::{extension, read_beside};
+use crate::mesh_file::read_mesh;
 use crate::{DEFAULT_SECONDS_PER_FRAME, KeyFrames, Topology};
 
 /// Loads the files of a directory as key frames, relative to `origin`.
@@ -42,13 +42,12 @@ fn mesh_files(directory: &Path) -> Result<Vec<PathBuf>, LoadError> {
         // Hidden files are what some systems leave beside the real ones.
         let hidden = file.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
         // A frame that cannot be read must not be missed out, so that what is no folder is tried.
-        let is_frame = format_of(&file).is_some_and(|format| format != "stl");
-        if is_frame && !hidden && !file.is_dir() {
+        if matches!(&*extension(&file), "obj" | "ply") && !hidden && !file.is_dir() {
             files.push(file);
         }
     }
     files.sort_by_cached_key(|file| (natural_order(&file.to_string_lossy()), file.clone()));
-    if files.windows(2).any(|pair| format_of(&pair[0]) != format_of(&pair[1])) {
+    if files.windows(2).any(|pair| extension(&pair[0]) != extension(&pair[1])) {
         let problem = Problem::new("files", "both .ply and .obj", "one kind in one sequence");
         return Err(problem.in_file(directory));
     }
