@@ -16,15 +16,13 @@ struct Element {
 
 struct Property {
     name: String,
-    /// 0, 1 or 2 for x, y or z, else CORNERS or OTHER.
-    role: usize,
     /// The type of its length, if it is a list.
     list: Option<Kind>,
     kind: Kind,
 }
 
-const CORNERS: usize = 3;
-const OTHER: usize = 4;
+/// Names for the list of a face's vertices.
+const CORNERS: [&str; 2] = ["vertex_indices", "vertex_index"];
 
 /// A type of numbers: its size in bytes, and the number that the lowest bits stand for.
 type Kind = (usize, fn(u64) -> f64);
@@ -44,17 +42,12 @@ fn kind(name: &str) -> Option<Kind> {
 }
 
 fn property(words: &[&str]) -> Option<Property> {
-    let (list, of, name, role) = match *words {
-        ["property", "list", length, of, name @ ("vertex_indices" | "vertex_index")] => {
-            (Some(kind(length)?), of, name, CORNERS)
-        }
-        ["property", "list", length, of, name] => (Some(kind(length)?), of, name, OTHER),
-        ["property", of, name] => {
-            (None, of, name, ["x", "y", "z"].iter().position(|&axis| axis == name).unwrap_or(OTHER))
-        }
+    let (list, of, name) = match *words {
+        ["property", "list", length, of, name] => (Some(kind(length)?), of, name),
+        ["property", of, name] => (None, of, name),
         _ => return None,
     };
-    Some(Property { name: name.to_owned(), role, list, kind: kind(of)? })
+    Some(Property { name: name.to_owned(), list, kind: kind(of)? })
 }
 
 /// The elements, the name of the format, and the bytes behind the header.
@@ -89,16 +82,17 @@ fn header(bytes: &[u8]) -> Result<(Vec<Element>, String, &[u8]), Problem> {
 
 /// The number of vertices, if vertices and faces have what they need.
 fn check_header(elements: &[Element]) -> Result<u64, Problem> {
-    let check = |name: &str, role, what: &str| {
+    let check = |name: &str, properties: &[&str], is_list: bool, what: &str| {
         let missing = || Problem::new("header", format!("no element {name}"), "one");
         let element = elements.iter().find(|element| element.name == name).ok_or_else(missing)?;
         let missing = || Problem::new(format!("header, element {name}"), format!("no {what}"), "one");
-        element.properties.iter().find(|p| p.role == role).map(|_| element.count).ok_or_else(missing)
+        let is_it = |p: &&Property| properties.contains(&&*p.name) && p.list.is_some() == is_list;
+        element.properties.iter().find(is_it).map(|_| element.count).ok_or_else(missing)
     };
-    check("vertex", 0, "property x")?;
-    check("vertex", 1, "property y")?;
-    check("face", CORNERS, "list of vertices, vertex_indices or vertex_index")?;
-    check("vertex", 2, "property z")
+    check("vertex", &["x"], false, "property x")?;
+    check("vertex", &["y"], false, "property y")?;
+    check("face", &CORNERS, true, "list of vertices, vertex_indices or vertex_index")?;
+    check("vertex", &["z"], false, "property z")
 }
 
 pub(super) fn read(bytes: &[u8], file: &Path, origin: DVec3) -> Result<Model, Problem> {
@@ -133,21 +127,23 @@ pub(super) fn read(bytes: &[u8], file: &Path, origin: DVec3) -> Result<Model, Pr
                 }
                 Ok(from_bits(u64::from_le_bytes(bits)))
             };
-            let mut by_role = [0.0; OTHER + 1];
+            let mut position = DVec3::ZERO;
             corners.clear();
-            for Property { name, role, list, kind } in properties {
-                let Some(length) = *list else {
-                    by_role[*role] = next(*kind, name)?;
-                    continue;
-                };
-                for _ in 0..next(length, name)? as u64 {
-                    let corner = next(*kind, name)?;
-                    corners.extend((*role == CORNERS).then_some(corner));
+            for Property { name, list, kind } in properties {
+                let count = list.map_or(Ok(1.0), |length| next(length, name))?;
+                for _ in 0..count as u64 {
+                    let number = next(*kind, name)?;
+                    match &**name {
+                        "x" if list.is_none() => position.x = number,
+                        "y" if list.is_none() => position.y = number,
+                        "z" if list.is_none() => position.z = number,
+                        name if list.is_some() && CORNERS.contains(&name) => corners.push(number),
+                        _ => {}
+                    }
                 }
             }
-            let [x, y, z, ..] = by_role;
             if name == "vertex" {
-                positions.push((DVec3::new(x, y, z) - origin).as_vec3());
+                positions.push((position - origin).as_vec3());
             } else if name == "face" {
                 let is_vertex =
                     |corner: f64| corner.fract() == 0.0 && (0.0..vertex_count as f64).contains(&corner);
