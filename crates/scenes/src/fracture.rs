@@ -3,11 +3,12 @@
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap};
 
+use anim::vertex_normals;
 use glam::Vec3;
 use indexmap::IndexSet;
 use rayon::prelude::*;
 
-use crate::shape::{Mesh, normals};
+use crate::shape::Mesh;
 
 /// Cuts a mesh into about `count` connected patches around random seeds, more of them where
 /// `density` is high.
@@ -96,7 +97,7 @@ pub(crate) fn shards(
     count: usize,
     thickness: impl Fn(Vec3, Vec3) -> f32 + Sync,
 ) -> Vec<(Mesh, Vec<u32>)> {
-    let normals = normals(&mesh.triangles, &mesh.positions);
+    let normals = vertex_normals(&mesh.triangles, &mesh.positions);
     let further_in = |(&p, &n): (&Vec3, &Vec3)| p - n * thickness(p, n);
     let inner: Vec<Vec3> = (&mesh.positions, &normals).into_par_iter().map(further_in).collect();
     let across = neighbours_across_edges(mesh);

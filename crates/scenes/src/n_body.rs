@@ -3,12 +3,12 @@
 
 use std::f32::consts::FRAC_PI_2;
 
-use anim::Motion;
+use anim::{Motion, vertex_normals};
 use glam::{DVec3, Quat, Vec3};
 
 use crate::cache::{Record, recorded};
 use crate::rigid::{Key, RigidBodies};
-use crate::shape::{Assembly, arc, normals, sphere, turned};
+use crate::shape::{Assembly, arc, sphere, turned};
 use crate::simulation::{self, Run};
 use crate::{Effects, Measure, Scene, SceneInfo, SceneOptions, Simulated};
 
@@ -74,7 +74,7 @@ pub(crate) fn scene(options: &SceneOptions<'_>) -> Scene {
         assembly.part("pillar", &pillar, Motion::empty(), stone);
     }
     let key_bytes = keys.len() * size_of_val(&keys[0][..]);
-    let normals = normals(&assembly.topology.triangles, &assembly.positions);
+    let normals = vertex_normals(&assembly.topology.triangles, &assembly.positions);
     let animation = RigidBodies::new(assembly, normals, keys, SECONDS);
     let seen = (Vec3::new(7.0, 10.5, 18.0), Vec3::new(0.0, 4.4, 0.0));
     let scene =

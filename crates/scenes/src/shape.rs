@@ -2,7 +2,7 @@
 
 use std::f32::consts::{PI, TAU};
 
-use anim::{Material, Motion, Topology, vertex_normals};
+use anim::{Material, Motion, Topology};
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
@@ -40,13 +40,6 @@ impl Mesh {
         self.positions.extend(&other.positions);
         self.triangles.extend(other.triangles.iter().map(|t| t.map(|v| v + first)));
     }
-}
-
-/// A normal for each vertex; see [`vertex_normals`].
-pub(crate) fn normals(triangles: &[[u32; 3]], positions: &[Vec3]) -> Vec<Vec3> {
-    let mut normals = Vec::new();
-    vertex_normals(triangles, positions, &mut normals);
-    normals
 }
 
 /// Collects parts into one topology with positions.

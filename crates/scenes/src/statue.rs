@@ -3,7 +3,7 @@
 
 use std::collections::{BTreeSet, HashMap};
 
-use anim::{Animation, Motion};
+use anim::{Animation, Motion, vertex_normals};
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
@@ -247,7 +247,7 @@ fn welded_normals(triangles: &[[u32; 3]], positions: &[Vec3], weld: &[u32]) -> V
         *v = *first_of.entry(w).or_insert(*v);
     }
     let joined: Vec<[u32; 3]> = triangles.iter().map(|t| t.map(|v| stands_for[v as usize])).collect();
-    let normals = shape::normals(&joined, positions);
+    let normals = vertex_normals(&joined, positions);
     stands_for.iter().map(|&v| normals[v as usize]).collect()
 }
 

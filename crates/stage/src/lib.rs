@@ -141,7 +141,7 @@ impl Stage {
     /// Makes normals for smooth shading, until the next pose: the source's own where it has some
     /// and the effects leave out none of its motion.
     pub fn smooth(&mut self) {
-        anim::vertex_normals(&self.triangles, self.pose.positions(), &mut self.normals);
+        self.normals = anim::vertex_normals(&self.triangles, self.pose.positions());
         let motion = self.scene.effects.motion;
         if self.scene.animation.topology().parts.iter().all(|part| motion.contains(part.motion)) {
             self.scene.animation.normals(self.pose.time(), &mut self.normals);
