@@ -1,5 +1,6 @@
 //! Images on surfaces.
 
+use std::fmt;
 use std::sync::Arc;
 
 /// What continues an image beyond its edges.
@@ -25,7 +26,7 @@ pub enum Filter {
 }
 
 /// An image and how it is continued between and beyond its texels. Cheap to clone.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, PartialEq, Eq)]
 pub struct Texture {
     /// Texels in a row, at least 1.
     pub width: u32,
@@ -40,4 +41,12 @@ pub struct Texture {
     pub wrap: [Wrap; 2],
     /// What is seen between texels.
     pub filter: Filter,
+}
+
+/// Its size in place of its texels.
+impl fmt::Debug for Texture {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { width, height, wrap, filter, .. } = self;
+        write!(f, "Texture of {width} x {height} texels, {wrap:?}, {filter:?}")
+    }
 }
