@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use anim::{Material, Motion, Topology};
+use anim::{Motion, Part, Topology};
 use bitflags::{Flags, bitflags};
 
 /// The effects a scene calls for; a stage of a frame whose effect is not named here need not run.
@@ -54,13 +54,16 @@ impl LightEffects {
     /// What the materials of a topology's parts call for.
     #[must_use]
     pub fn of(topology: &Topology) -> Self {
-        let any = |calls: fn(&Material) -> bool| {
-            topology.parts.iter().any(|part| calls(&topology.materials[part.material as usize]))
-        };
+        topology.parts.iter().map(|part| Self::of_part(part, topology)).collect()
+    }
+
+    /// What the material of a part of a topology calls for.
+    pub(crate) fn of_part(part: &Part, topology: &Topology) -> Self {
+        let material = &topology.materials[part.material as usize];
         let mut effects = Self::empty();
-        effects.set(Self::TEXTURES, any(|material| material.texture.is_some()));
-        effects.set(Self::ALPHA, any(|material| material.cutoff.is_some()));
-        effects.set(Self::MIRROR, any(|material| material.mirror));
+        effects.set(Self::TEXTURES, material.texture.is_some());
+        effects.set(Self::ALPHA, material.cutoff.is_some());
+        effects.set(Self::MIRROR, material.mirror);
         effects
     }
 }

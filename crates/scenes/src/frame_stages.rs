@@ -76,8 +76,8 @@ impl Scene {
             let count = topology.parts.iter().filter(|part| calls(part)).count();
             format!("{count} of {} parts {are}", topology.parts.len())
         };
-        let material = |part: &Part| topology.materials[part.material as usize];
         let moved = |kind, are| parts(&|part| part.motion.contains(kind), are);
+        let lit = |effect, are| parts(&|part| LightEffects::of_part(part, topology).contains(effect), are);
         let reason = |stage| match stage {
             FrameStage::Motion(Motion::KEY_FRAMES) => moved(Motion::KEY_FRAMES, "have key frames"),
             FrameStage::Motion(Motion::MORPH) => moved(Motion::MORPH, "have morph weights that vary"),
@@ -88,17 +88,13 @@ impl Scene {
                 format!("{moving} of {} triangles move", topology.moves.len())
             }
             FrameStage::Primary => "rays from the eye".to_owned(),
-            FrameStage::Light(LightEffects::ALPHA) => {
-                parts(&|part| material(part).cutoff.is_some(), "have holes")
+            FrameStage::Light(LightEffects::ALPHA) => lit(LightEffects::ALPHA, "have holes"),
+            FrameStage::Light(LightEffects::TEXTURES) => lit(LightEffects::TEXTURES, "have textures"),
+            FrameStage::Light(LightEffects::MIRROR) => lit(LightEffects::MIRROR, "are mirrors"),
+            FrameStage::Light(LightEffects::SHADOWS) => {
+                let source = if self.animation.light(0.0).is_some() { "file" } else { "scene" };
+                format!("the {source} has a light")
             }
-            FrameStage::Light(LightEffects::TEXTURES) => {
-                parts(&|part| material(part).texture.is_some(), "have textures")
-            }
-            FrameStage::Light(LightEffects::MIRROR) => parts(&|part| material(part).mirror, "are mirrors"),
-            FrameStage::Light(LightEffects::SHADOWS) if self.animation.light(0.0).is_some() => {
-                "the file has a light".to_owned()
-            }
-            FrameStage::Light(LightEffects::SHADOWS) => "the scene has a light".to_owned(),
             FrameStage::Light(_) => "asked for".to_owned(),
         };
         self.effects.stages().map(|stage| (stage, reason(stage))).collect()
