@@ -8,8 +8,7 @@ use crate::implicit::{Shape, Solid};
 /// The dragon, from blended limbs, with thin wings.
 pub(crate) fn solid() -> Solid {
     let mut half = Solid::default();
-    front_leg(&mut half);
-    hind_leg(&mut half);
+    legs(&mut half);
     wing(&mut half);
     let horn = [(vec3(0.22, 6.15, 3.35), 0.15), (vec3(0.42, 6.6, 2.8), 0.1), (vec3(0.48, 6.8, 2.1), 0.02)];
     half.limb(0.05, &horn);
@@ -86,26 +85,23 @@ fn head(dragon: &mut Solid) {
     }
 }
 
-fn front_leg(half: &mut Solid) {
-    let leg = [
+fn legs(half: &mut Solid) {
+    let front = [
         (vec3(0.7, 2.4, 1.5), 0.52),
         (vec3(1.05, 1.35, 1.0), 0.34),
         (vec3(1.05, 0.45, 1.5), 0.23),
         (vec3(1.05, 0.24, 1.85), 0.24),
     ];
-    half.limb(0.25, &leg);
-    claws(half, vec3(1.05, 0.16, 2.0));
-}
-
-fn hind_leg(half: &mut Solid) {
-    let leg = [
+    let hind = [
         (vec3(0.65, 2.1, -1.6), 0.75),
         (vec3(1.15, 1.35, -0.8), 0.48),
         (vec3(1.15, 0.6, -1.7), 0.26),
         (vec3(1.15, 0.25, -1.15), 0.25),
     ];
-    half.limb(0.25, &leg);
-    claws(half, vec3(1.15, 0.16, -1.0));
+    for (leg, foot) in [(front, vec3(1.05, 0.16, 2.0)), (hind, vec3(1.15, 0.16, -1.0))] {
+        half.limb(0.25, &leg);
+        claws(half, foot);
+    }
 }
 
 fn claws(half: &mut Solid, foot: Vec3) {

@@ -81,15 +81,13 @@ impl Grid<'_> {
 fn onto_surface(solid: &Solid, vertices: &[[f32; 3]], low: Vec3, cell: f32) -> Vec<Vec3> {
     let mut positions: Vec<Vec3> = vertices.iter().map(|&p| low + cell * Vec3::from(p)).collect();
     // Vertices of a block share the part of the solid that matters to them.
-    let block = |p: [f32; 3]| p.map(|x| (x / BLOCK as f32) as u32);
+    let block = |v: u32| vertices[v as usize].map(|x| (x / BLOCK as f32) as u32);
     let mut order: Vec<u32> = (0..vertices.len() as u32).collect();
-    order.par_sort_unstable_by_key(|&v| (block(vertices[v as usize]), v));
-    let groups: Vec<&[u32]> =
-        order.chunk_by(|&v, &w| block(vertices[v as usize]) == block(vertices[w as usize])).collect();
-    let moved: Vec<Vec<Vec3>> = groups
-        .par_iter()
+    order.par_sort_unstable_by_key(|&v| (block(v), v));
+    let moved: Vec<Vec<Vec3>> = order
+        .par_chunk_by(|&v, &w| block(v) == block(w))
         .map(|group| {
-            let corner = Vec3::from(block(vertices[group[0] as usize]).map(|b| b as f32)) * BLOCK as f32;
+            let corner = Vec3::from(block(group[0]).map(|b| b as f32)) * BLOCK as f32;
             let center = low + cell * (corner + 0.5 * BLOCK as f32);
             let near = solid.near(center, cell * (0.5 * BLOCK as f32 * 3.0_f32.sqrt() + 2.0));
             let project = |p: Vec3| {
