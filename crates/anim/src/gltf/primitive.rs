@@ -104,14 +104,27 @@ impl Geometry {
 }
 
 /// Renumbers indices from 0 in ascending order, without gaps; gives the old index of each.
-///
-/// The indices may be few of a large array, which other primitives share: no memory for all of it.
 fn renumber(indices: &mut [u32]) -> Vec<u32> {
-    let mut used = indices.to_vec();
-    used.sort_unstable();
-    used.dedup();
-    let new_index = |old: u32| used.partition_point(|&used| used < old) as u32;
-    indices.iter_mut().for_each(|index| *index = new_index(*index));
+    let least = indices.iter().min().copied().unwrap_or_default();
+    let greatest = indices.iter().max().copied().unwrap_or_default();
+    if (greatest - least) as usize >= 4 * indices.len() {
+        // Few of a large array, which other primitives may share: no memory for all of it, and no
+        // more than 16 bytes an index below.
+        let mut used = indices.to_vec();
+        used.sort_unstable();
+        used.dedup();
+        let new_index = |old: u32| used.partition_point(|&used| used < old) as u32;
+        indices.iter_mut().for_each(|index| *index = new_index(*index));
+        return used;
+    }
+    let mut new_indices = vec![u32::MAX; (greatest - least) as usize + 1];
+    indices.iter().for_each(|&index| new_indices[(index - least) as usize] = 0);
+    let mut used = Vec::new();
+    for (old, new) in (least..=greatest).zip(&mut new_indices).filter(|(_, new)| **new == 0) {
+        *new = used.len() as u32;
+        used.push(old);
+    }
+    indices.iter_mut().for_each(|index| *index = new_indices[(*index - least) as usize]);
     used
 }
 
