@@ -14,12 +14,12 @@ fn found() -> &'static [(String, u64)] {
 
 /// Number of fingerprints.
 #[unsafe(no_mangle)]
-pub extern "C" fn fingerprint_count() -> u32 {
+extern "C" fn fingerprint_count() -> u32 {
     found().len() as u32
 }
 
 /// Fingerprint `i` in the order of the list; 0 beyond the end.
 #[unsafe(no_mangle)]
-pub extern "C" fn fingerprint(i: u32) -> u64 {
+extern "C" fn fingerprint(i: u32) -> u64 {
     found().get(i as usize).map_or(0, |(_, found)| *found)
 }
