@@ -1,16 +1,17 @@
-//! The walk that finds the frontier of a repair: in parallel over the upper part of the tree, and
-//! in a part breadth-first down, so that nodes can be fetched ahead, and back up.
+//! The walk that finds the frontier of a repair: over the top of the tree, and in parallel over the
+//! subtrees below it; breadth-first down, so that nodes can be fetched ahead, and back up.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use bvh_core::{Bvh, Node, prefetch};
+use rayon::prelude::*;
 
 use crate::refit::SMALL;
 
-/// Parts of the walk, for threads to share; a small tree has one. The number is fixed, so the sums
-/// do not depend on the number of threads.
-// Half and double: docs/TUNING.md.
-const PARTS: usize = 512;
+/// Subtrees of at most this height are the parts of the walk that threads share; a small tree is one
+/// part. It is fixed, so the sums do not depend on the number of threads.
+// 10 to 18: docs/TUNING.md.
+const PART_HEIGHT: u32 = 16;
 
 /// Nodes of more than this part of the root's area are opened in any case. There are few, but a
 /// subtree as large as the room that everything else is in would have to be kept beside all of it.
@@ -37,55 +38,98 @@ impl Frontier {
         self.pairs.clear();
         (self.cost, self.static_cost, self.references) = Default::default();
     }
+
+    fn add(&mut self, other: &Self) {
+        self.kept.extend_from_slice(&other.kept);
+        self.pairs.extend_from_slice(&other.pairs);
+        self.cost += other.cost;
+        self.static_cost += other.static_cost;
+        self.references += other.references;
+    }
 }
 
 /// An inner node that a part of the walk has listed.
+#[derive(Clone, Copy)]
 struct Listed {
+    /// With [`Self::LARGE`].
     slot: u32,
-    /// How many of its children are listed.
-    inner_children: u32,
+    /// Where the node above it is listed.
+    parent: u32,
     /// Its own excess, on the way up also that below it.
     excess: f64,
 }
 
-/// A part of the walk: its nodes, each before those below it, and what it has found.
-#[derive(Default)]
-struct Part {
-    list: Vec<Listed>,
-    found: Frontier,
+impl Listed {
+    /// Bit of a slot whose node is opened for its size.
+    const LARGE: u32 = 1 << 31;
+
+    fn slot(&self) -> usize {
+        (self.slot & !Self::LARGE) as usize
+    }
 }
 
-/// Memory of the walk: its parts, and what they have found together.
+/// Pushes a node if it `belongs` to a list, without a branch.
+fn push_if(belongs: bool, list: &mut Vec<Listed>, listed: Listed) {
+    list.push(listed);
+    list.truncate(list.len() - usize::from(!belongs));
+}
+
+/// A part of the walk: its root and nodes down to some height, and what it has found below the root.
+#[derive(Default)]
+pub(super) struct Part {
+    /// The root and what is higher; each before those below it.
+    high: Vec<Listed>,
+    /// Nodes of that height or less, below these.
+    low: Vec<Listed>,
+    pub(super) found: Frontier,
+}
+
+/// Memory of the walk: the top of the tree, and the parts below it. In the end the top has what all
+/// of them have found.
 #[derive(Default)]
 pub(super) struct FrontierScratch {
+    pub(super) top: Part,
     parts: Vec<Part>,
-    pub(super) found: Frontier,
 }
 
 /// Finds the subtrees whose excess is at most `threshold`. Where there are more than `most`, not
 /// all are found. O(n) for the n nodes above dynamic primitives and the large static ones.
 pub(super) fn find(bvh: &Bvh, scale: f64, threshold: f64, most: usize, scratch: &mut FrontierScratch) {
-    let FrontierScratch { parts, found } = scratch;
-    found.clear();
-    if bvh.root().is_leaf() {
+    let FrontierScratch { top, parts } = scratch;
+    let (nodes, root) = (bvh.nodes(), bvh.root());
+    let walk = Walk { nodes, scale, threshold, large: LARGE * root.aabb().half_area() };
+    if !walk.is_walked(root) {
+        top.found.clear();
         return;
     }
-    let used = if bvh.nodes().len() <= SMALL { 1 } else { PARTS };
-    parts.resize_with(used.max(parts.len()), Part::default);
-    let parts = &mut parts[..used];
-    parts.iter_mut().for_each(|part| part.found.clear());
-    let large = LARGE * bvh.root().aabb().half_area();
-    let kept = AtomicUsize::new(0);
-    let walk = Walk { nodes: bvh.nodes(), scale, threshold, large, most, kept: &kept };
-    let excess = walk.fork(0, parts);
-    for Part { found: part, .. } in parts.iter() {
-        found.cost += part.cost;
-        found.static_cost += part.static_cost;
-        found.references += part.references;
-        if excess > threshold {
-            found.kept.extend_from_slice(&part.kept);
-            found.pairs.extend_from_slice(&part.pairs);
-        }
+    let is_small = nodes.len() <= SMALL;
+    walk.list(0, if is_small { 1 } else { PART_HEIGHT }, top);
+    if !is_small {
+        parts.resize_with(top.low.len().max(parts.len()), Part::default);
+        let kept = AtomicUsize::new(0);
+        top.low.par_iter_mut().zip(&mut *parts).for_each(|(root, part)| {
+            if kept.load(Ordering::Relaxed) > most {
+                // What is found no longer matters, but that there is too much.
+                part.found.clear();
+                root.excess = f64::INFINITY;
+                return;
+            }
+            walk.list(root.slot(), 1, part);
+            root.excess = walk.judge(part);
+            if root.excess > threshold {
+                kept.fetch_add(part.found.kept.len(), Ordering::Relaxed);
+            }
+        });
+        parts[..top.low.len()].iter().for_each(|part| top.found.add(&part.found));
+    }
+    let excess = walk.judge(top);
+    top.found.references += f64::from(root.reference());
+    if walk.opens(&top.high[0]) {
+        walk.open(root, &mut top.found);
+    }
+    if excess <= threshold {
+        top.found.kept.clear();
+        top.found.pairs.clear();
     }
 }
 
@@ -94,118 +138,87 @@ struct Walk<'a> {
     scale: f64,
     threshold: f64,
     large: f32,
-    most: usize,
-    /// Subtrees kept so far below nodes that were opened for their excess. The walk ends early
-    /// where more than `most` are.
-    kept: &'a AtomicUsize,
 }
 
 impl Walk<'_> {
-    /// Gives the excess at and below a node: as [`below`](Self::below), by several threads.
-    fn fork(&self, slot: usize, parts: &mut [Part]) -> f64 {
-        let node = &self.nodes[slot];
-        if !self.is_walked(node) {
-            return 0.0;
-        }
-        if parts.len() == 1 || node.height() < 2 {
-            let part = &mut parts[0];
-            if self.kept.load(Ordering::Relaxed) > self.most {
-                // What is found no longer matters, but that there is too much.
-                return f64::INFINITY;
+    /// Lists the nodes of a part: those higher than `low_height`, and what is below them.
+    ///
+    /// No branch depends on what a node is: half of them would be guessed wrong.
+    fn list(&self, root: usize, low_height: u32, part: &mut Part) {
+        let Part { high, low, found } = part;
+        found.clear();
+        high.clear();
+        low.clear();
+        high.push(self.listed(root, 0));
+        let mut parent = 0;
+        while let Some(above) = high.get(parent) {
+            let first = self.nodes[above.slot()].first();
+            for slot in [first, first + 1] {
+                let node = &self.nodes[slot];
+                let (is_walked, is_high) = (self.is_walked(node), node.height() > low_height);
+                prefetch(self.nodes, if is_high { node.first() } else { slot });
+                found.references += if is_walked { f64::from(node.reference()) } else { 0.0 };
+                let listed = self.listed(slot, parent);
+                push_if(is_walked & is_high, high, listed);
+                push_if(is_walked & !is_high, low, listed);
             }
-            let excess = self.below(slot, part);
-            if excess > self.threshold {
-                self.kept.fetch_add(part.found.kept.len(), Ordering::Relaxed);
-            }
-            return excess;
+            parent += 1;
         }
-        let (left, right) = parts.split_at_mut(parts.len() / 2);
-        let below = rayon::join(|| self.fork(node.first(), left), || self.fork(node.first() + 1, right));
-        let excess = self.own_excess(node) + (below.0 + below.1);
-        self.judge(node, excess, below.into(), &mut parts[0].found);
-        excess
     }
 
-    /// Gives the excess at and below a node.
-    fn below(&self, slot: usize, part: &mut Part) -> f64 {
-        let Part { list, found } = part;
-        list.clear();
-        self.push_inner(slot, list);
-        let mut next = 0;
-        while next < list.len() {
-            let node = &self.nodes[list[next].slot as usize];
-            list[next].excess = self.own_excess(node);
-            if node.height() > 1 {
-                let before = list.len();
-                self.push_inner(node.first(), list);
-                self.push_inner(node.first() + 1, list);
-                list[next].inner_children = (list.len() - before) as u32;
+    /// Adds up what a part has listed, opens nodes below its root or keeps them closed, and gives the
+    /// excess at and below the root.
+    fn judge(&self, Part { high, low, found }: &mut Part) -> f64 {
+        for listed in &*low {
+            high[listed.parent as usize].excess += listed.excess;
+        }
+        for i in (1..high.len()).rev() {
+            let Listed { parent, excess, .. } = high[i];
+            high[parent as usize].excess += excess;
+        }
+        if self.opens(&high[0]) {
+            for listed in high[1..].iter().chain(&*low) {
+                if self.opens(listed) {
+                    self.open(&self.nodes[listed.slot()], found);
+                } else if self.opens(&high[listed.parent as usize]) {
+                    found.kept.push(listed.slot() as u32);
+                }
             }
-            next += 1;
         }
-        // Children stand in the order of their parents, so on the way up they are the last of those
-        // not yet taken.
-        let mut end = list.len();
-        for i in (0..list.len()).rev() {
-            let first = end - list[i].inner_children as usize;
-            let (above, children) = list[..end].split_at_mut(first);
-            end = first;
-            let listed = &mut above[i];
-            listed.excess += children.iter().map(|child| child.excess).sum::<f64>();
-            let node = &self.nodes[listed.slot as usize];
-            let of = |slot| children.iter().find(|child| child.slot == slot).map_or(0.0, |c| c.excess);
-            let left = node.first() as u32;
-            self.judge(node, listed.excess, [of(left), of(left + 1)], found);
-        }
-        list.first().map_or(0.0, |root| root.excess)
+        high[0].excess
+    }
+
+    /// Opens a node, and keeps those children that no part lists.
+    fn open(&self, node: &Node, found: &mut Frontier) {
+        let pair = node.first()..node.first() + 2;
+        found.pairs.push(pair.start as u32);
+        found.cost += node.sah_term();
+        found.static_cost += node.static_term();
+        found.references -= f64::from(node.reference());
+        found.kept.extend(pair.filter(|&n| !self.is_walked(&self.nodes[n])).map(|n| n as u32));
+    }
+
+    /// A node that is walked, below the one listed at `parent`.
+    fn listed(&self, slot: usize, parent: usize) -> Listed {
+        let node = &self.nodes[slot];
+        let large = if node.aabb().half_area() > self.large { Listed::LARGE } else { 0 };
+        Listed { slot: slot as u32 | large, parent: parent as u32, excess: self.own_excess(node) }
+    }
+
+    fn opens(&self, listed: &Listed) -> bool {
+        listed.excess > self.threshold || listed.slot & Listed::LARGE != 0
     }
 
     /// Whether there may be something at or below a node. What stands still has not grown; it is
     /// opened only where it is large.
     fn is_walked(&self, node: &Node) -> bool {
-        !node.is_leaf() && (node.is_dynamic() || node.aabb().half_area() > self.large)
-    }
-
-    /// Lists a node, if it is to be walked, and fetches its children if they are inner nodes.
-    fn push_inner(&self, slot: usize, list: &mut Vec<Listed>) {
-        let node = &self.nodes[slot];
-        if self.is_walked(node) {
-            if node.height() > 1 {
-                prefetch(self.nodes, node.first());
-            }
-            list.push(Listed { slot: slot as u32, inner_children: 0, excess: 0.0 });
-        }
+        !node.is_leaf() & (node.is_dynamic() | (node.aabb().half_area() > self.large))
     }
 
     /// By how much the area of an inner node exceeds its reference.
     fn own_excess(&self, node: &Node) -> f64 {
-        if !node.is_dynamic() {
-            return 0.0;
-        }
         let excess = f64::from(node.aabb().half_area()) - self.scale * f64::from(node.reference());
-        if excess > 0.0 { excess } else { 0.0 }
-    }
-
-    /// Opens an inner node or leaves it closed, given the excess at and below it, and at and below
-    /// its children.
-    fn judge(&self, node: &Node, excess: f64, below: [f64; 2], found: &mut Frontier) {
-        if !self.is_opened(node, excess) {
-            found.references += f64::from(node.reference());
-            return;
-        }
-        let pair = node.first();
-        found.cost += node.sah_term();
-        found.static_cost += node.static_term();
-        found.pairs.push(pair as u32);
-        for (child, below) in (pair..).zip(below) {
-            if !self.is_opened(&self.nodes[child], below) {
-                found.kept.push(child as u32);
-            }
-        }
-    }
-
-    fn is_opened(&self, node: &Node, excess: f64) -> bool {
-        excess > self.threshold || !node.is_leaf() && node.aabb().half_area() > self.large
+        if node.is_dynamic() & (excess > 0.0) { excess } else { 0.0 }
     }
 }
 
@@ -247,7 +260,7 @@ mod tests {
             let (mut numbers, mut scratch) = (Vec::new(), FrontierScratch::default());
             for threshold in [0.0, 0.1, 1.0, 30.0] {
                 find(&bvh, scale, threshold, usize::MAX, &mut scratch);
-                let found = &mut scratch.found;
+                let found = &mut scratch.top.found;
                 numbers.push(found.kept.len());
                 // A node is above the frontier if its excess or its area is large; what is left
                 // below counts as kept.
@@ -293,7 +306,7 @@ mod tests {
         let kept = |most| {
             let mut scratch = FrontierScratch::default();
             pool.install(|| find(&bvh, 1.0, 0.0, most, &mut scratch));
-            scratch.found.kept.len()
+            scratch.top.found.kept.len()
         };
         let (all, some) = (kept(usize::MAX), kept(1000));
         assert!(all > 50_000 && (1001..all / 4).contains(&some), "{some} of {all}");

@@ -120,7 +120,7 @@ pub(crate) fn open_grown(
     let scale = State::of(bvh).baseline.scale;
     frontier::find(bvh, scale, threshold, most, &mut scratch.walk);
     // Leaves and what stands still below the new top count as what they cost now.
-    let others = (tally.leaf_area + bvh.static_area() - scratch.walk.found.static_cost) / scale;
+    let others = (tally.leaf_area + bvh.static_area() - scratch.walk.top.found.static_cost) / scale;
     let repaired = rebuild_top(bvh, others, scale, most, scratch);
     tally.has_sums &= !matches!(repaired, Repaired::Top { .. });
     repaired

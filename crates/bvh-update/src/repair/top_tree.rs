@@ -7,7 +7,7 @@ use bvh_build::{BuildOptions, Builder, rebuild};
 use bvh_core::{Bvh, MAX_HEIGHT, Node};
 use rayon::prelude::*;
 
-use super::frontier::{Frontier, FrontierScratch};
+use super::frontier::Frontier;
 use super::{RepairScratch, Repaired};
 use crate::quality::finite_or_zero;
 use crate::refit::{SMALL, SharedNodes, parts, share};
@@ -33,8 +33,8 @@ pub(super) fn rebuild_top(
     most: usize,
     scratch: &mut RepairScratch,
 ) -> Repaired {
-    let RepairScratch { walk: FrontierScratch { found, .. }, boxes, kept, top, build } = scratch;
-    let Frontier { kept: frontier, pairs, cost: before, static_cost, references } = found;
+    let RepairScratch { walk, boxes, kept, top, build } = scratch;
+    let Frontier { kept: frontier, pairs, cost: before, static_cost, references } = &mut walk.top.found;
     if frontier.len() > most {
         return Repaired::TooLarge;
     }
