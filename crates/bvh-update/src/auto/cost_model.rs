@@ -15,8 +15,8 @@
 //! ```text
 //! constant         here   Zen 4                        Zen 3
 //! NODE             15     13; of a query 19 to 67      28 to 31; of a query 20 to 112
-//! FRONTIER_NODE    9      12                           1 to 11
-//! TOP_SUBTREE      400    415 to 460                   1046 to 1691
+//! FRONTIER_NODE    9      8 to 13 (9bde7b9)            1 to 11
+//! TOP_SUBTREE      400    118 to 292 (9bde7b9)         1046 to 1691
 //! GOOD_BUILD       85     57 to 59                     121 to 123
 //! FAST_BUILD       32     22 to 25                     41 to 63
 //! PACKET_RAY       25     33                           90 to 97
@@ -27,8 +27,12 @@
 //! PACKET_SLOPE     0.4    0.54; single rays 0.72       0.35; single rays 0.86; in a tree of 16 times the cost
 //! ```
 //!
-//! Prices of work are those of the six scenes, above. Those of packet rays, of single rays and of
-//! pairs are lower than printed here. Higher ones gain no more than the noise; `PAIRS` at half loses
+//! The two prices of repairs are parts of one time, and noise shifts one into the other. Up to c109e5b
+//! they were 12 and 415 to 460 on Zen 4. Repairs of the lion, which no cache holds, take about what 9
+//! and 400 make of them.
+//!
+//! Prices of work are those of the six scenes, above. Those of packet rays, of single rays and of pairs
+//! are lower than printed here. Higher ones gain no more than the noise; `PAIRS` at half loses
 //! (`docs/TUNING.md`, prices of loads).
 //!
 //! Before, `unit_costs` printed 60 ns for a packet's node on Zen 4. It is 90 here: with 60 the mean
