@@ -11,7 +11,7 @@ use crate::refit::SMALL;
 /// Subtrees of at most this height are the parts of the walk that threads share; a small tree is one
 /// part. It is fixed, so the sums do not depend on the number of threads.
 // 10 to 18: docs/TUNING.md.
-const PART_HEIGHT: u32 = 16;
+const PART_HEIGHT: u32 = 14;
 
 /// Nodes of more than this part of the root's area are opened in any case. There are few, but a
 /// subtree as large as the room that everything else is in would have to be kept beside all of it.
