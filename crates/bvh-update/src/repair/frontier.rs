@@ -105,10 +105,9 @@ pub(super) fn find(bvh: &Bvh, scale: f64, threshold: f64, most: usize, scratch: 
         top.found.clear();
         return;
     }
-    if nodes.len() <= SMALL {
-        walk.list(0, 1, top);
-    } else {
-        walk.list(0, PART_HEIGHT, top);
+    let low_height = if nodes.len() <= SMALL { 1 } else { PART_HEIGHT };
+    walk.list(0, low_height, top);
+    if low_height > 1 {
         walk.find_in_parts(top, parts, most);
     }
     walk.add_up(top);
