@@ -88,6 +88,21 @@ pub(super) struct Part {
     pub(super) found: Frontier,
 }
 
+impl Part {
+    /// Adds the excess below each node to its own. Gives that of the part.
+    fn add_up(&mut self) -> f64 {
+        let Self { high, low, .. } = self;
+        for listed in &*low {
+            high[listed.parent as usize].excess += listed.excess;
+        }
+        for i in (1..high.len()).rev() {
+            let Listed { parent, excess, .. } = high[i];
+            high[parent as usize].excess += excess;
+        }
+        high[0].excess
+    }
+}
+
 /// Memory of the walk: the top of the tree, and the parts below it.
 #[derive(Default)]
 pub(super) struct FrontierScratch {
@@ -110,13 +125,12 @@ pub(super) fn find(bvh: &Bvh, scale: f64, threshold: f64, most: usize, scratch: 
     if low_height > 1 {
         walk.find_in_parts(top, parts, most);
     }
-    walk.add_up(top);
+    let has_grown = top.add_up() > threshold;
     walk.open_or_keep(top);
     top.found.references += f64::from(root.reference());
     if walk.is_opened(&top.high[0]) {
         walk.open(root, &mut top.found);
     }
-    let has_grown = top.high[0].excess > threshold;
     if !has_grown {
         // Size alone is no reason for a repair.
         top.found.kept.clear();
@@ -144,7 +158,7 @@ impl Walk<'_> {
                 return;
             }
             self.list(root.slot(), 1, part);
-            root.excess = self.add_up(part);
+            root.excess = part.add_up();
             self.open_or_keep(part);
             if root.excess > self.threshold {
                 kept.fetch_add(part.found.kept.len(), Ordering::Relaxed);
@@ -169,9 +183,9 @@ impl Walk<'_> {
                 let node = &self.nodes[slot];
                 let (is_walked, is_high) = (self.is_walked(node), node.height() > low_height);
                 prefetch(self.nodes, if is_high { node.first() } else { slot });
-                // Those of all that is walked. `open` subtracts its own, so that nothing closed has
-                // to be read again. An infinite one above the frontier makes this NaN, and the
-                // baseline is taken anew.
+                // The sum over all walked nodes: `open` subtracts its node's, so no closed node is
+                // read twice. An infinite reference above the frontier makes the sum NaN; then the
+                // next update measures the baseline again.
                 found.references += if is_walked { f64::from(node.reference()) } else { 0.0 };
                 let listed = self.listed(slot, parent);
                 push_if(is_walked & is_high, high, listed);
@@ -179,18 +193,6 @@ impl Walk<'_> {
             }
             parent += 1;
         }
-    }
-
-    /// Adds the excess below each node to its own. Gives that of the part.
-    fn add_up(&self, Part { high, low, .. }: &mut Part) -> f64 {
-        for listed in &*low {
-            high[listed.parent as usize].excess += listed.excess;
-        }
-        for i in (1..high.len()).rev() {
-            let Listed { parent, excess, .. } = high[i];
-            high[parent as usize].excess += excess;
-        }
-        high[0].excess
     }
 
     /// Opens the nodes below a part's root, or keeps them where their parents are opened.
