@@ -110,8 +110,8 @@ pub(super) struct FrontierScratch {
     parts: Vec<Part>,
 }
 
-/// Finds the subtrees whose excess is at most `threshold`. Where there are more than `most`, not
-/// all are found. O(n) for the n nodes above dynamic primitives and the large static ones.
+/// Finds the subtrees whose excess is at most `threshold`; nothing, if the whole tree's is. Where
+/// there are more than `most`, not all are found. O(n) for the n nodes above dynamic primitives and the large static ones.
 pub(super) fn find(bvh: &Bvh, scale: f64, threshold: f64, most: usize, scratch: &mut FrontierScratch) {
     let FrontierScratch { top, parts } = scratch;
     let (nodes, root) = (bvh.nodes(), bvh.root());
@@ -125,16 +125,13 @@ pub(super) fn find(bvh: &Bvh, scale: f64, threshold: f64, most: usize, scratch: 
     if low_height > 1 {
         walk.find_in_parts(top, parts, most);
     }
-    let has_grown = top.add_up() > threshold;
-    walk.open_or_keep(top);
-    top.found.references += f64::from(root.reference());
-    if walk.is_opened(&top.high[0]) {
+    if top.add_up() > threshold {
+        walk.open_or_keep(top);
+        top.found.references += f64::from(root.reference());
         walk.open(root, &mut top.found);
-    }
-    if !has_grown {
+    } else {
         // Size alone is no reason for a repair.
-        top.found.kept.clear();
-        top.found.pairs.clear();
+        top.found.clear();
     }
 }
 
@@ -311,10 +308,10 @@ mod tests {
                     let children = [node.first(), node.first() + 1];
                     kept.extend(children.iter().filter(|&&n| !is_opened(&bvh.nodes()[n])).map(|&n| n as u32));
                 });
-                assert!((found.references - references).abs() <= 1e-9 * references, "{threshold}");
                 if excess(&bvh, bvh.root(), scale) <= threshold {
-                    (kept, pairs) = (vec![], vec![]);
+                    (kept, pairs, references) = (vec![], vec![], 0.0);
                 }
+                assert!((found.references - references).abs() <= 1e-9 * references, "{threshold}");
                 for list in [&mut found.kept, &mut found.pairs, &mut kept, &mut pairs] {
                     list.sort_unstable();
                 }
