@@ -138,11 +138,14 @@ impl<'a> Loader<'a> {
         let all: Vec<_> = animation.instances.iter().collect();
         animation.write(&all, Motion::all(), 0.0, &mut rest);
         animation.model.rest = rest;
-        let (globals, mut normals) =
-            (animation.nodes.globals(0.0), vec![Vec3::ZERO; animation.model.rest.len()]);
-        let still = animation.instances.iter().filter(|instance| instance.motion.is_empty());
-        still.for_each(|instance| animation.write_normals(instance, &globals, &mut normals));
-        animation.still_normals = normals;
+        let is_still = |part: &&Instance| part.motion.is_empty() && part.normals().is_some();
+        if animation.instances.iter().any(|part| is_still(&part)) {
+            let mut normals = vec![Vec3::ZERO; animation.model.rest.len()];
+            let globals = animation.nodes.globals(0.0);
+            let still = animation.instances.iter().filter(is_still);
+            still.for_each(|part| animation.write_normals(part, &globals, &mut normals));
+            animation.still_normals = normals;
+        }
         animation.instances.retain(|instance| !instance.motion.is_empty());
         if !animation.model.topology.texcoords.is_empty() {
             animation.model.topology.texcoords.resize(animation.model.topology.vertex_count, Vec2::ZERO);
