@@ -21,8 +21,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let order = refitted.reorder_primitives();
     indices = order.iter().map(|&old| indices[old as usize]).collect();
     let mut rotated = refitted.clone();
-    // One updater serves both trees: its memory is kept from frame to frame.
-    let mut updater = Updater::default();
+    let mut refits = Updater::new(Strategy::Refit);
+    let mut rotates = Updater::new(Strategy::RefitRotate(Rotate::default()));
 
     println!("{} triangles\nframe   refit        refit+rotate            rebuild", indices.len());
     for frame in 1..=20 {
@@ -34,12 +34,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         let triangles = Triangles { positions: &corners, indices: &indices };
 
         let timer = Instant::now();
-        let refit = updater.set_strategy(Strategy::Refit).update(&mut refitted, &triangles)?;
+        let refit = refits.update(&mut refitted, &triangles)?;
         let refit_ms = timer.elapsed().as_secs_f64() * 1e3;
         let timer = Instant::now();
-        let rotate = updater
-            .set_strategy(Strategy::RefitRotate(Rotate::default()))
-            .update(&mut rotated, &triangles)?;
+        let rotate = rotates.update(&mut rotated, &triangles)?;
         let rotate_ms = timer.elapsed().as_secs_f64() * 1e3;
         let timer = Instant::now();
         let fresh = build(&triangles, Builder::Binned)?;

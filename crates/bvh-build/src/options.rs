@@ -40,13 +40,15 @@ pub enum Builder {
     /// The same tree as [`Binned`](Self::Binned), built on all threads of the current rayon pool.
     BinnedParallel,
     /// Splits along the Morton curve through the centres (Lauterbach et al. 2009), on all threads
-    /// of the current rayon pool: the fastest build, at 1.2 times the SAH cost of a sweep.
+    /// of the current rayon pool: the fastest build, at 1.13 to 1.19 times the SAH cost of a sweep
+    /// (`docs/ACCURACY.md`).
     Lbvh,
     /// Binned SAH over clusters along the Morton curve, which are built as by [`Lbvh`](Self::Lbvh)
     /// (Pantaleoni and Luebke 2010), on all threads of the current rayon pool.
     Hlbvh,
     /// Parallel locally-ordered clustering (Meister and Bittner 2018), on all threads of the
-    /// current rayon pool: a tree like that of [`Binned`](Self::Binned) in less than half the time.
+    /// current rayon pool: a tree like that of [`Binned`](Self::Binned) in 0.4 to 0.6 of the time
+    /// (`docs/ACCURACY.md`).
     #[default]
     Ploc,
     /// [`Sweep`](Self::Sweep), then rotations until none gains; see
@@ -56,8 +58,8 @@ pub enum Builder {
     /// [`anneal`](crate::anneal).
     Annealed,
     /// [`Sweep`](Self::Sweep), then each subtree moved to where it costs least; see
-    /// [`reinsert`](fn@crate::reinsert), on all threads of the current rayon pool. Better than
-    /// annealing, in a fraction of the time.
+    /// [`reinsert`](fn@crate::reinsert), on all threads of the current rayon pool. A lower
+    /// cost than by annealing with 25 passes, in about twice the time (`docs/ACCURACY.md`).
     Reinserted,
 }
 

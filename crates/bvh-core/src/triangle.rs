@@ -52,7 +52,7 @@ pub fn intersect<T: Test>(
     in_box(ray, test.test(corners)?, corners, primitive, t_max, T::WIDEN)
 }
 
-/// What of a triangle test's answer is left by the triangle's box.
+/// Restricts a triangle test's answer to the triangle's box.
 #[inline]
 pub fn in_box(
     ray: &Ray,

@@ -1,7 +1,7 @@
 //! What updates keep with a tree, opaque here, and what others have changed in the meantime.
 
 /// Words that updates keep with a tree from frame to frame. A clone of the tree carries them along;
-/// a new tree starts with zeros. What they mean is known to whoever updates the tree alone.
+/// a new tree starts with zeros. Only the crate that updates trees interprets them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct UpdateState {
     /// The words.

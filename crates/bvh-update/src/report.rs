@@ -26,8 +26,8 @@ pub struct Update {
     pub sah_cost: Option<f64>,
     /// Height of the tree as it is now.
     pub height: u32,
-    /// Nodes whose boxes were recomputed; all of a new tree, none of one that was given up. Not what queries visited, which is what
-    /// [`Load`](crate::Load) asks for.
+    /// Nodes whose boxes the update recomputed: all of a new tree, none of one that was given up.
+    /// [`Load`](crate::Load) asks for another number, the nodes that queries visit.
     pub nodes_visited: u64,
     /// Primitives without finite coordinates, which are dropped at present: of those visited, or
     /// after a rebuild of all.
@@ -81,8 +81,9 @@ pub enum Decision {
 #[non_exhaustive]
 pub struct Reason {
     /// Milliseconds of one core that queries have lost to the excess cost of the tree since it was
-    /// last repaired, built or [kept](Decision::Kept); for a repair, also since one that found no
-    /// better top. Where a fast build is to be replaced, what queries lose to that is included.
+    /// last repaired, built or [kept](Decision::Kept); a repair that found no better
+    /// top also begins the count anew. Where a fast build is to be replaced, what queries lose to it is
+    /// included.
     pub lost_ms: f64,
     /// Milliseconds of one core that the repair or the rebuild takes, doubled after one that failed.
     pub price_ms: f64,

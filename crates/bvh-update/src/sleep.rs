@@ -4,9 +4,9 @@ use bvh_core::Bvh;
 
 /// Marks those primitives as dynamic that move, and for some updates those that have stopped.
 ///
-/// Updates skip static subtrees, so rotations never reach what stopped in a bad state. The paper's
-/// go on over all nodes, and quality rises once motion stops (Kopta et al. 2012, section 4): this
-/// keeps that.
+/// Updates skip static subtrees, so rotations never reach what stopped in a bad state. The paper
+/// rotates at all nodes, so quality rises once motion stops (Kopta et al. 2012, section 4). The
+/// delay preserves this for some updates.
 ///
 /// ```
 /// use bvh_build::{Builder, build};

@@ -109,8 +109,8 @@ impl Updater {
     /// Brings `bvh` up to date with primitives that have moved.
     ///
     /// Primitives without finite coordinates are dropped from all boxes, counted in
-    /// [`Update::dropped`], and back in the first update that finds them finite. After it every box
-    /// is tight, wherever the primitives went: onto one point, far from the origin, beyond the
+    /// [`Update::dropped`], and return in the first update that finds them finite. After an update
+    /// every box is tight, wherever the primitives went: onto one point, far from the origin, beyond the
     /// range of `f32` areas. A rotation is applied only if it lowers the area, strictly, and leaves
     /// the tree no higher than [`MAX_HEIGHT`](bvh_core::MAX_HEIGHT).
     ///
@@ -119,9 +119,9 @@ impl Updater {
     /// Refits, with or without rotations, take O(n) time for the n nodes above dynamic primitives,
     /// and allocate nothing but where a thread takes part for the first time, or a panic has taken
     /// its memory ([`THREAD_MEMORY`](Self::THREAD_MEMORY)). A rebuild keeps which primitives are
-    /// dynamic, leaf by leaf ([`Bvh::set_dynamic`]). Its leaves may be as large as those that the
-    /// update which built the old tree allowed, or as the largest of a tree that no update has
-    /// built; [`Strategy::Rebuild`] takes the leaf size from its options.
+    /// dynamic, leaf by leaf ([`Bvh::set_dynamic`]). Its leaves may be as large as the
+    /// build allowed that an update made last, or as the tree's largest where no update has built
+    /// it; [`Strategy::Rebuild`] takes the leaf size from its options.
     ///
     /// [`Strategy::Rebuild`] and [`Strategy::Auto`] take another number of primitives than the tree
     /// holds and build a new tree, in which all primitives are dynamic.
@@ -131,10 +131,11 @@ impl Updater {
     /// a build fails. The tree is as it was then, or has had its pass if a rebuild was to follow.
     ///
     /// # Panics
-    /// If primitives panic. The structure of the tree is valid after that. Boxes are refitted in part,
-    /// and all by the next update; or the tree is empty where one was being built in its place, and needs
-    /// [`Strategy::Rebuild`], [`Strategy::Auto`] or a build; or all primitives are dynamic where a
-    /// tree from the background took over.
+    /// If primitives panic. The structure of the tree is valid after that:
+    /// * after a panic in a pass some boxes are old, and the next update refits all;
+    /// * after one in a build in the place of the tree, the tree is empty and needs
+    ///   [`Strategy::Rebuild`], [`Strategy::Auto`] or a build;
+    /// * where a tree from the background took over, all primitives are dynamic.
     pub fn update<P: Primitives + ?Sized>(
         &mut self,
         bvh: &mut Bvh,

@@ -1,5 +1,5 @@
-//! Images in memory, and encoded as files, which PNG has in sRGB. Writing them is the caller's: a file that appears whole
-//! or not at all needs `tempfile`, which no renderer should have to depend on.
+//! Images in memory, and their encodings as PNG (sRGB) and EXR (linear). The caller writes the files:
+//! one that appears whole or not at all needs `tempfile`, which no renderer should have to depend on.
 
 use std::io::Cursor;
 

@@ -36,11 +36,11 @@ pub fn render(
 }
 
 /// [`render`], with a view of the same tree and the same triangles, if there is one already.
-/// Ambient occlusion and diffuse bounces go through it; without them nobody looks at it.
+/// Only ambient occlusion and diffuse bounces use the view.
 ///
 /// For more than one image of a frame, samples to be averaged for instance: `render` would make a
-/// view for each. A view of something else shows that, where rays have come back from a surface;
-/// one of another number of triangles is not looked at.
+/// view for each. With the view of another scene, rays that leave a surface see that scene; a
+/// view of another number of triangles is ignored.
 pub fn render_with(
     bvh: &Bvh,
     wide: Option<&Bvh8>,

@@ -6,7 +6,7 @@
 //! front to back:
 //!   at a leaf, test the rays that entered it
 //!   at an inner node, with a mask of the rays that entered it:
-//!     all of them in one group, or few, which are gathered into one -> go down with the group alone
+//!     all of them in one group, or few, which are compacted into one -> go down with the group alone
 //!     otherwise -> go down into each child with the rays that enter it,
 //!                  from the fifth node on only if the packet's frustum meets the child
 //! ```

@@ -1,7 +1,8 @@
 //! What work costs, in nanoseconds of one core: the one table that [`Auto`](super::Auto) decides
 //! by.
 //!
-//! Only ratios matter to decisions, unless a load is a time, and they vary little between machines.
+//! Only ratios matter to decisions, unless a load is a time. They differ between machines, those of
+//! repairs by up to six times.
 //! `cargo run --release -p pivot-benches --example unit_costs` prints the prices for the machine at
 //! hand, over a regular sheet whose tree is in cache. The constants are of the six scenes, which
 //! are less regular: `cargo xtask compare update --threads 1` (EPYC Zen 4, 2026-11-23, revision
@@ -78,8 +79,8 @@ const PACKET_SLOPE: f64 = 0.4;
 
 /// What is asked of the tree between two updates. The more it is, the more a better tree is worth.
 ///
-/// Rays and pairs are what will be asked before the next update; visits and time are what the
-/// queries since the last one took, and the next are taken to ask as much. However little is
+/// Rays and pairs are what will be asked before the next update; visits and time are those of
+/// the queries since the last update, and the next ones are expected to take as much. However little is
 /// reported, none at all included, a tree of twice the cost counts as a loss of at least the time of
 /// one update, so that no tree rots.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! builder = decide_blindly(ledger)      chaos: a new tree, no pass
-//! seen    = pass(tree, primitives)      refit and rotate, and note what that shows
+//! seen    = pass(tree, primitives)      refit, rotate, and measure cost and scale
 //! ledger.charge(seen)                   what queries lose to this tree
 //! plan    = decide(ledger, seen)        pure: policy.rs
 //! outcome = execute(plan)               a new top, a new tree, or nothing, where neither costs less

@@ -30,7 +30,7 @@ const BLIND_AFTER: u32 = 2;
 /// --scene exploding-dragon --frames 24 --threads 2`).
 const LONGEST_PAYBACK: u32 = 32;
 /// A new tree has to cost less than the old one by this part to take its place. `docs/ABLATION.md`
-/// has what other values are worth.
+/// has another value.
 pub(super) const LEAST_GAIN: f64 = 0.02;
 
 /// What a pass has seen.
@@ -82,7 +82,7 @@ pub(super) fn decide_blindly(ledger: &Ledger, primitives: f64, queries: QueryCos
 /// Whether a new tree in every frame costs less than passes and a new tree now and then.
 ///
 /// ```text
-/// rate  = 2 lost / (k (k + 1))            lost in k frames, of which each loses as much more than the one before
+/// rate  = 2 lost / (k (k + 1))            the loss grows linearly over k frames
 /// cycle = pass + sqrt(2 price rate)       per frame, if a tree is rebuilt as soon as as much is lost as that costs
 /// ```
 pub(super) fn pays_every_frame(ledger: &Ledger, seen: &Observation) -> bool {

@@ -18,8 +18,8 @@
 //!
 //! ```text
 //! take_baseline       a tree that has none: built, given by the caller, or measured by another strategy before
-//! repair::open_grown  a new top: the references of dynamic nodes, as if what grew below had not; leaves and
-//!                     static nodes at what they cost now
+//! repair::open_grown  a new top: the references of dynamic inner nodes, and what leaves and static nodes
+//!                     cost now
 //! repair::update      no subtree worth opening: raised to what the tree costs now
 //! auto::observe       a tree that costs less than its baseline: `Auto` lowers the baseline to that
 //! auto::rebuild       a tree that is hardly worse than a new one: it counts as good
@@ -53,8 +53,8 @@ pub(crate) fn sum<const N: usize>(nodes: &[Node], term: &(impl Fn(&Node) -> [f64
     and(left, right)
 }
 
-/// A tree whose cost falls to this part of its baseline in one frame is of a scene that was
-/// scattered and is compact again, as in the jump from the last frame of a loop to its first: it
+/// A tree whose cost has fallen below this part of what it was when its baseline was measured
+/// belongs to a scene that was scattered and is compact again, as in the jump from the last frame of a loop to its first: it
 /// may be better than its baseline and still 24 times worse than a new one
 /// (`auto_follows_boxes_that_scatter_and_meet_again` in `tests/repairs.rs` plays that). Any part from
 /// 0.25 to 0.9 passes this test, 0.1 does not (`docs/TUNING.md`).

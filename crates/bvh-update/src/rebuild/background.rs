@@ -46,8 +46,8 @@ pub struct BackgroundCost {
     /// counted here.
     pub bytes: usize,
     /// Updates of [`Background`] by this updater, of any tree, from the copy of the boxes to the one
-    /// that put the tree in place: with one tree, how many frames older than the primitives its
-    /// structure is by then. Until the next one comes it grows older.
+    /// that put the tree in place: with one tree, the age of its structure in frames when it
+    /// takes over.
     pub delay: u32,
     /// Time that its thread was busy, by the wall clock; where a core was free, this is the time
     /// taken from the cores. Of a parallel builder it is the thread's own part.

@@ -6,8 +6,8 @@ use std::time::Instant;
 /// What one block of a pass took, in nanoseconds.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct BlockCost {
-    /// Number of the block above. The block begins once that one's leaves are fitted, and that one
-    /// goes on to its boxes once all blocks below it have ended.
+    /// Number of the block above. A block begins once the leaves of the block above are fitted; the
+    /// boxes of the block above follow once all blocks below it have ended.
     pub parent: Option<usize>,
     /// Finding the block's nodes.
     pub list: u64,

@@ -1,6 +1,6 @@
 //! Refitting a tree that lies in depth-first order: a sweep through the arena from its end.
 //!
-//! Every pair lies behind its parent there, so whoever comes from behind meets children before
+//! Every pair lies behind its parent there, so a sweep from the end meets children before
 //! parents and needs no walk. Subtrees are pieces of the arena, which are divided until they are
 //! small enough for one thread. Builders leave trees in that order, and rotations end it.
 

@@ -43,8 +43,7 @@ impl Default for PartialRebuild {
 }
 
 /// A frontier of more than this part of the primitives is not worth its repair.
-// 0.3 repairs more and rebuilds less; the time is the same within the noise:
-// `cargo xtask compare frame`.
+// Half and double: docs/TUNING.md.
 const LARGEST_FRONTIER: f64 = 0.2;
 
 /// Memory that repairs keep.

@@ -14,7 +14,7 @@ pub(super) const GROUP: usize = 16;
 
 pub(super) const GROUP_MASK: u64 = (1 << GROUP) - 1;
 
-/// The groups of a packet; behind them one for rays gathered from several, and room for vectors
+/// The groups of a packet; behind them one for rays compacted from several, and room for vectors
 /// that reach beyond.
 pub(super) const LANES: usize = PACKET + 2 * GROUP;
 
@@ -31,9 +31,9 @@ pub(super) struct Packet {
     pub(super) v: [f32; LANES],
     /// Bits of the numbers of primitives, to be moved about in the same registers.
     pub(super) primitive: [f32; LANES],
-    /// Masks of the rays that still look for a hit: those of the packet, then those gathered.
+    /// Masks of the rays that still look for a hit: those of the packet, then those compacted.
     active: [u64; 2],
-    /// Masks of the rays that have hit something; of those gathered, since they were.
+    /// Masks of the rays that have hit something; of those compacted, since they were.
     hit: [u64; 2],
 }
 
@@ -144,7 +144,7 @@ impl Packet {
     }
 
     /// The group in which all rays of a mask are, where it begins and which of its lanes they are:
-    /// one of the packet's, or the one behind it if there are few enough to be gathered there. The
+    /// one of the packet's, or the one behind it if there are few enough to be compacted there. The
     /// mask must not be 0.
     #[inline(always)]
     pub(super) fn group_of<S: Simd, const ANY: bool>(&mut self, simd: S, mask: u64) -> Option<(usize, u64)> {
@@ -185,7 +185,7 @@ impl Packet {
         all
     }
 
-    /// Copies the hits of gathered rays back.
+    /// Copies the hits of compacted rays back.
     #[inline(always)]
     pub(super) fn scatter<const ANY: bool>(&mut self, mask: u64) {
         let (mut mask, mut from, mut hits) = (mask, PACKET, self.hit[1]);
