@@ -70,7 +70,7 @@ pub(crate) fn build<L: Leaves>(
     slot: SubtreeSlot,
 ) {
     let n = prims.len();
-    spare.resize(n, PrimRef::NOTHING);
+    crate::make_room(spare, n, PrimRef::NOTHING, threads);
     let tasks = if threads > 1 { (n / GRAIN).min(TASKS * threads) } else { 1 };
     all_bins.resize(tasks.max(bins_for(n)), Bins::EMPTY);
     let bins = bins.clamp(2, MAX_BINS as u32) as usize;
@@ -119,13 +119,8 @@ impl<L: Leaves> Binned<'_, L> {
                 })
             };
         }
-        let (from, to, left) = match split {
-            Some(left) => (spare, prims, left),
-            None => {
-                let left = middle(prims, &centers);
-                (prims, spare, left)
-            }
-        };
+        let (from, to) = if split.is_some() { (spare, prims) } else { (prims, spare) };
+        let left = split.unwrap_or_else(|| middle(from, &centers));
         let (l, r) = from.split_at_mut(left);
         let (spare_l, spare_r) = to.split_at_mut(left);
         slot.fork(self.leaves.slots(l), |slot_l, slot_r| {

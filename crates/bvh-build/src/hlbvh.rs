@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use crate::binned::{self, Bins, Leaves};
 use crate::bytes_of;
-use crate::morton;
+use crate::morton::{self, least_parts};
 use crate::prim_ref::{Bounds, PrimRef};
 use crate::radix::Key;
 use crate::subtree_slot::SubtreeSlot;
@@ -57,11 +57,7 @@ pub(crate) fn build<K: Key>(
         let boxes = keys[start..end].iter().map(|key| prims[key.number() as usize].bounds());
         *top = PrimRef::cluster(boxes.fold(Bounds::EMPTY, Bounds::union), i as u32, (end - start) as u32);
     };
-    if threads > 1 {
-        tops.prims.par_iter_mut().with_min_len(PART).enumerate().for_each(gather);
-    } else {
-        tops.prims.iter_mut().enumerate().for_each(gather);
-    }
+    tops.prims.par_iter_mut().with_min_len(PART.max(least_parts(threads))).enumerate().for_each(gather);
     let clusters = Clusters { prims, keys, ranges };
     binned::build(&mut tops.prims, (spare, all_bins), &clusters, bins, threads, slot);
 }

@@ -54,7 +54,8 @@ mod subtree_slot;
 mod sweep;
 mod tree;
 
-use bvh_core::{Bvh, MAX_PRIMITIVES, Node, Primitives};
+use bvh_core::{Bvh, MAX_PRIMITIVES, Node, Pair, Primitives};
+use rayon::prelude::*;
 use thiserror::Error;
 
 pub use crate::offline_rotations::{Anneal, HillClimb, anneal, hill_climb};
@@ -144,6 +145,21 @@ impl BuildScratch {
         let Self { prims, dropped, spare, bins, codes, clusters, ploc } = self;
         let prims = [prims, dropped, spare].map(bytes_of).iter().sum::<usize>();
         prims + bytes_of(bins) + codes.memory_usage() + clusters.memory_usage() + ploc.memory_usage()
+    }
+}
+
+const NO_PAIR: Pair = Pair([Node::NOTHING; 2]);
+
+/// Fewest entries of a list for a thread to write; not tuned.
+const ROOM: usize = 4096;
+
+/// Gives a list `n` entries of any content. Where it grows, all threads write its new memory, so that
+/// they share the page faults: a first build takes twice as long as the next one.
+fn make_room<T: Copy + Send + Sync>(list: &mut Vec<T>, n: usize, value: T, threads: usize) {
+    if threads > 1 && list.capacity() < n {
+        rayon::iter::repeat_n(value, n).with_min_len(ROOM).collect_into_vec(list);
+    } else {
+        list.resize(n, value);
     }
 }
 
@@ -255,12 +271,15 @@ pub fn rebuild<P: Primitives + ?Sized>(
         _ => rayon::current_num_threads(),
     };
     let BuildScratch { prims, dropped, spare, bins, codes, clusters, ploc } = scratch;
-    raw::write(bvh, n, |nodes, order| {
+    raw::write(bvh, |pairs, order| {
+        make_room(pairs, n.max(1), NO_PAIR, threads);
+        make_room(order, n, 0, threads);
         if n == 0 {
             dropped.clear();
-            nodes.fill(Node::NOTHING);
-            return 2;
+            pairs.fill(NO_PAIR);
+            return;
         }
+        let nodes: &mut [Node] = bytemuck::cast_slice_mut(pairs);
         let Gathered { centers, exact } = prim_ref::gather(primitives, n, prims, dropped, threads);
         let boxed = prims.len();
         let mut build = |slot: SubtreeSlot<'_>| match builder {
@@ -294,7 +313,8 @@ pub fn rebuild<P: Primitives + ?Sized>(
         if !exact {
             refit(nodes, order, primitives);
         }
-        leaves::merge(nodes, options.max_leaf_size)
+        let used = leaves::merge(nodes, options.max_leaf_size);
+        pairs.truncate(used / 2);
     });
     Ok(())
 }

@@ -118,7 +118,7 @@ impl Grid {
 
 /// The keys of all primitives: codes, and below them the places in `prims`.
 fn encode<K: Key>(prims: &[PrimRef], centers: &Bounds, keys: &mut Vec<K>, threads: usize) {
-    keys.resize(prims.len(), K::ZERO);
+    crate::make_room(keys, prims.len(), K::MAX, threads);
     let grid = Grid::new(centers, K::AXIS);
     let parts = prims.par_chunks(GRAIN).zip(keys.par_chunks_mut(GRAIN)).enumerate();
     let parts = parts.with_min_len(least_parts(threads));

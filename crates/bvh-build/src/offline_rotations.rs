@@ -70,7 +70,7 @@ impl Default for Anneal {
 /// Boxes must be up to date. The order of primitives is kept, and nodes come to lie depth first. A
 /// rotation that would make the tree higher than [`MAX_HEIGHT`](bvh_core::MAX_HEIGHT) is refused.
 /// Changes between areas beyond the range of `f32` are no gain. Serial and deterministic. O(n) a
-/// pass; about ten passes are usual.
+/// pass.
 ///
 /// ```
 /// use bvh_build::{Builder, HillClimb, build, hill_climb};

@@ -84,10 +84,9 @@ pub(crate) fn build(
 ) {
     let n = prims.len();
     let PlocMemory { leaves, spare, nearest, mergers, parts } = memory;
-    leaves.resize(n, PrimRef::NOTHING);
-    spare.resize(n, PrimRef::NOTHING);
-    nearest.resize(n, 0);
-    mergers.resize(n - 1, Merger { left: 0, right: 0, size: 0 });
+    crate::make_room(spare, n, PrimRef::NOTHING, threads);
+    crate::make_room(nearest, n, 0, threads);
+    crate::make_room(mergers, n - 1, Merger { left: 0, right: 0, size: 0 }, threads);
     with_keys!(sorted, keys => gather(keys, prims, leaves, threads));
     let mut window = Window::new(radius.clamp(1, MAX_RADIUS as u32) as usize);
     let (mut from, mut to) = (&mut spare[..], prims);
@@ -113,20 +112,15 @@ pub(crate) fn build(
 }
 
 /// Copies the primitives in the order of the curve.
-fn gather<K: Key>(keys: &[K], prims: &[PrimRef], sorted: &mut [PrimRef], threads: usize) {
-    let parts = keys.par_chunks(PART).zip(sorted.par_chunks_mut(PART));
-    parts.with_min_len(least_parts(threads)).for_each(|(keys, to)| copy(keys, prims, to));
-}
-
-// Not inlined into what shares it out, where the compiler keeps less of it in registers.
-#[inline(never)]
-fn copy<K: Key>(keys: &[K], prims: &[PrimRef], sorted: &mut [PrimRef]) {
-    for ((i, key), to) in keys.iter().enumerate().zip(sorted) {
+fn gather<K: Key>(keys: &[K], prims: &[PrimRef], sorted: &mut Vec<PrimRef>, threads: usize) {
+    let places = keys.par_iter().enumerate().with_min_len(PART.max(least_parts(threads)));
+    let prim = |(i, key): (usize, &K)| {
         if let Some(later) = keys.get(i + AHEAD) {
             prefetch(prims, later.number() as usize);
         }
-        *to = prims[key.number() as usize];
-    }
+        prims[key.number() as usize]
+    };
+    places.map(prim).collect_into_vec(sorted);
 }
 
 /// Lets each two neighbours choose each other; the last, if it has none, itself.

@@ -29,7 +29,6 @@ pub(crate) trait Key: Copy + Ord + Send + Sync + BitXor<Output = Self> {
     const LOW: u32;
     /// Bits of the code on each of three axes.
     const AXIS: u32;
-    const ZERO: Self;
     const MAX: Self;
     fn new(code: u64, number: u32) -> Self;
     fn number(self) -> u32;
@@ -44,7 +43,6 @@ macro_rules! key {
         impl Key for $int {
             const LOW: u32 = $low;
             const AXIS: u32 = if $low < 64 { (Self::BITS - $low) / 3 } else { 21 };
-            const ZERO: Self = 0;
             const MAX: Self = <$int>::MAX;
             #[inline]
             fn new(code: u64, number: u32) -> Self {
@@ -81,7 +79,7 @@ pub(crate) fn sort<K: Key>(keys: &mut Vec<K>, spare: &mut Vec<K>, counts: &mut V
     if keys.len() < FEW {
         return keys.sort_unstable();
     }
-    spare.resize(keys.len(), K::ZERO);
+    crate::make_room(spare, keys.len(), K::MAX, threads);
     // With more than `PART` parts there may be fewer chunks than parts, and counts of an earlier
     // digit would remain.
     let parts = (keys.len() / PART).clamp(1, threads.min(PART));

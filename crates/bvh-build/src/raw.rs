@@ -3,18 +3,18 @@
 
 use std::marker::PhantomData;
 
-use bvh_core::{Bvh, Node};
+use bvh_core::{Bvh, Node, Pair};
 
 use crate::neighbor_search::Window;
 
-/// Lets a builder write a tree over `primitives` primitives of one or more a leaf.
-pub(crate) fn write(bvh: &mut Bvh, primitives: usize, fill: impl FnOnce(&mut [Node], &mut [u32]) -> usize) {
+/// Lets a builder write a tree of one or more primitives a leaf: its pairs and its order.
+pub(crate) fn write(bvh: &mut Bvh, fill: impl FnOnce(&mut Vec<Pair>, &mut Vec<u32>)) {
     // SAFETY: builders write nodes by `SubtreeSlot` alone, which gives out each pair and each slot
     // once, and takes heights from the children; `leaves::merge` keeps this up. Tests build the
     // same tree by `Bvh::new`, which checks everything.
     #[expect(unsafe_code, reason = "promises a valid tree")]
     unsafe {
-        bvh.replace_with(2 * primitives.max(1), primitives, fill);
+        bvh.replace_with(fill);
     }
 }
 

@@ -14,9 +14,10 @@ pub const MAX_HEIGHT: u32 = 96;
 pub const MAX_PRIMITIVES: usize = 1 << if cfg!(target_pointer_width = "32") { 24 } else { 29 };
 
 /// Siblings, side by side in one cache line.
+#[doc(hidden)]
 #[repr(C, align(64))]
-#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
-pub(crate) struct Pair(pub(crate) [Node; 2]);
+#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
+pub struct Pair(pub [Node; 2]);
 
 const _: () = assert!(size_of::<Pair>() == 64 && align_of::<Pair>() == 64);
 
@@ -85,7 +86,8 @@ pub struct Parts<'a> {
     pub state: &'a mut UpdateState,
 }
 
-/// A tree that a function repairs when a panic drops this; whoever gets through forgets it.
+/// Guards a tree: if a panic drops the guard, the function repairs the tree. Who gets through forgets
+/// the guard.
 #[doc(hidden)]
 pub struct OnPanic<'a>(pub &'a mut Bvh, pub fn(&mut Bvh));
 
@@ -113,34 +115,24 @@ impl Bvh {
         Self { pairs, order, ..Self::default() }.checked()
     }
 
-    /// Replaces the tree by one that `fill` writes into the same memory.
-    ///
-    /// `fill` gets room for `nodes` nodes (rounded up to even) and the order of `primitives`
-    /// primitives, both with any content, and gives the number of node slots it used. Allocates
-    /// only if the memory is too small. If `fill` panics, the tree is empty afterwards.
+    /// Replaces the tree by one that `fill` writes into the same memory, given with any content: the
+    /// pairs of nodes, which it leaves at their number, and the order. If `fill` panics, the tree is
+    /// empty afterwards.
     ///
     /// # Safety
-    /// The used node slots and the order must form a tree as [`Bvh`] describes it, without empty
-    /// leaves but where `primitives` is 0, with right heights and every node dynamic: updates that
-    /// share the arena between threads rely on it.
+    /// Pairs and order must form a tree as [`Bvh`] describes it, without empty leaves but where there
+    /// are no primitives, with right heights and every node dynamic: updates that share the arena
+    /// between threads rely on it.
     #[doc(hidden)]
     #[expect(unsafe_code, reason = "a promise that the compiler cannot check")]
-    pub unsafe fn replace_with(
-        &mut self,
-        nodes: usize,
-        primitives: usize,
-        fill: impl FnOnce(&mut [Node], &mut [u32]) -> usize,
-    ) {
+    pub unsafe fn replace_with(&mut self, fill: impl FnOnce(&mut Vec<Pair>, &mut Vec<u32>)) {
         let guard = OnPanic(self, |bvh| *bvh = Self::default());
         let bvh = &mut *guard.0;
-        bvh.pairs.resize(nodes.div_ceil(2).max(1), Pair([Node::NOTHING; 2]));
-        bvh.order.resize(primitives, 0);
-        let used = fill(bytemuck::cast_slice_mut(&mut bvh.pairs), &mut bvh.order);
-        bvh.pairs.truncate(used.div_ceil(2).max(1));
+        fill(&mut bvh.pairs, &mut bvh.order);
         bvh.pairs[0].0[1] = Node::NOTHING;
         bvh.in_order = is_identity(&bvh.order);
-        // A tree of n leaves takes 2 n slots, node 1 included.
-        bvh.leaves_of_one = used == 2 * primitives.max(1);
+        // A tree of n leaves takes n pairs, node 1 included.
+        bvh.leaves_of_one = bvh.pairs.len() == bvh.order.len().max(1);
         (bvh.all_dynamic, bvh.static_area, bvh.update_state) = (true, 0.0, UpdateState::default());
         std::mem::forget(guard);
     }
@@ -162,8 +154,8 @@ impl Bvh {
     /// When the borrow ends, the structure must be valid as [`Bvh`] says, heights and dynamic bits
     /// must be right, each primitive as dynamic as before: updates that share the arena
     /// between threads rely on it. Whoever moves pairs of nodes adds one to
-    /// [`Changes::structure`](crate::Changes::structure), unless it is who keeps the words of the
-    /// state and brings them up to date itself.
+    /// [`Changes::structure`](crate::Changes::structure), unless it keeps the words of the state
+    /// and updates them itself.
     #[doc(hidden)]
     #[must_use]
     #[expect(unsafe_code, reason = "a promise that the compiler cannot check")]

@@ -72,7 +72,7 @@ mod update_state;
 mod validate;
 
 pub use aabb::Aabb;
-pub use bvh::{Bvh, MAX_HEIGHT, MAX_PRIMITIVES, OnPanic, Parts};
+pub use bvh::{Bvh, MAX_HEIGHT, MAX_PRIMITIVES, OnPanic, Pair, Parts};
 pub use cost::{COST_INTERSECT, COST_TRAVERSE, sah_cost};
 pub use glam;
 pub use glam::Vec3;
