@@ -48,7 +48,7 @@ const MIN_SAVING: f64 = 1e-3;
 
 /// A move has to save more than this part of what taking the node out frees. Rotations compare
 /// areas rounded to `f32`: where two trees are equal but for rounding, rotations would undo every
-/// move.
+/// move. What is freed counts as at least the smallest `f32` with all its digits.
 const LEAST_SAVED: f64 = 1e-6;
 
 /// Memory that [`reinsert`](fn@reinsert) keeps from one call to the next, about 50 bytes a
@@ -256,7 +256,8 @@ fn apply<T: Tree>(tree: &mut T, parents: &mut [u32], n: usize, to: usize) -> f64
     let freed = taken - refit_above(tree, parents, parent);
     let saved = price(tree, parents, n, to).map_or(f64::NEG_INFINITY, |price| freed - price);
     // Moving it back undoes everything exactly, because bounds are minima and maxima.
-    let to = if saved > LEAST_SAVED * freed { to } else { parent };
+    let least = LEAST_SAVED * freed.max(f32::MIN_POSITIVE.into());
+    let to = if saved > least { to } else { parent };
     tree.copy(to, sibling);
     adopt(tree, parents, sibling);
     let nodes = tree.nodes_mut();

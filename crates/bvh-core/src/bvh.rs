@@ -100,10 +100,9 @@ impl Drop for OnPanic<'_> {
 impl Bvh {
     /// Makes a tree of the given nodes over `order.len()` primitives; see [`Bvh`] for the layout.
     ///
-    /// Boxes are [`sanitized`](crate::Aabb::sanitized) and otherwise taken as they are, but for
-    /// leaves without primitives, which get an empty one. Heights are
-    /// computed, and so are the dynamic bits of inner nodes. Pairs that are in no subtree become
-    /// [`Node::NOTHING`]. O(n) time and temporary memory.
+    /// Boxes are [`sanitized`](crate::Aabb::sanitized) and otherwise taken as they are. Heights are
+    /// computed, and so are the dynamic bits of inner nodes. Leaves without primitives, and pairs that
+    /// are in no subtree, become [`Node::NOTHING`]. O(n) time and temporary memory.
     ///
     /// # Errors
     /// If the structure is not that of a tree.
@@ -126,7 +125,12 @@ impl Bvh {
     #[doc(hidden)]
     #[expect(unsafe_code, reason = "a promise that the compiler cannot check")]
     pub unsafe fn replace_with(&mut self, fill: impl FnOnce(&mut Vec<Pair>, &mut Vec<u32>)) {
-        let guard = OnPanic(self, |bvh| *bvh = Self::default());
+        let guard = OnPanic(self, |bvh| {
+            // Whoever counts changes must not miss the next ones.
+            let changes = bvh.update_state.changes;
+            *bvh = Self::default();
+            bvh.update_state.changes = changes;
+        });
         let bvh = &mut *guard.0;
         fill(&mut bvh.pairs, &mut bvh.order);
         bvh.pairs[0].0[1] = Node::NOTHING;

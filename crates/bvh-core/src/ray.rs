@@ -62,7 +62,7 @@ impl Ray {
     }
 
     /// The distance at which the ray enters `aabb` between 0 and `t_max`, or `None`: always so for
-    /// an empty box, an invalid ray, and a `t_max` that is negative or NaN.
+    /// [`Aabb::EMPTY`], an invalid ray, and a `t_max` that is negative or NaN.
     ///
     /// Conservative by [`WIDEN`](Self::WIDEN): rounding never turns a hit into a miss, not even one
     /// at `t_max`. The exceptions lie at the ends of the range of `f32`. A component of the direction

@@ -78,7 +78,9 @@ impl Rotation {
 ///
 /// `l` and `r` are the boxes of N's children. `below_l` and `below_r` are those of the
 /// grandchildren, `None` below a leaf. An area beyond the range of `f32` makes a change infinite or
-/// NaN; such a change is below zero only where the rotation is certain to gain.
+/// NaN; such a change is below zero only where the rotation is certain to gain, or where an extent
+/// is beyond that range as well. Areas below 1e-38 have few digits in `f32`; where all are, a change
+/// may have the wrong sign.
 ///
 /// ```
 /// use bvh_core::rotation::{Rotation, area_changes, best};

@@ -3,7 +3,7 @@
 use thiserror::Error;
 
 use crate::bvh::{MAX_HEIGHT, MAX_PRIMITIVES, Pair, is_identity};
-use crate::{Aabb, Bvh, Node};
+use crate::{Bvh, Node};
 
 /// Why nodes and an order do not form a tree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
@@ -48,9 +48,11 @@ impl Bvh {
         for node in self.raw_nodes_mut() {
             // Safe code can give a leaf a height, and updates know leaves by theirs.
             node.clear_leaf_height();
-            // A leaf without primitives has no box.
-            let holds_nothing = node.is_leaf() && node.count() == 0;
-            node.set_aabb(if holds_nothing { Aabb::EMPTY } else { node.aabb().sanitized() });
+            node.set_aabb(node.aabb().sanitized());
+            if node.is_leaf() && node.count() == 0 {
+                // Without a box, and static, so that no update looks for its primitives.
+                *node = Node::NOTHING;
+            }
         }
         let (inner, used) = self.check_structure()?;
         self.pairs[0].0[1] = Node::NOTHING;

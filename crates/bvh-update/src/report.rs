@@ -21,8 +21,10 @@ pub struct Update {
     pub rotations: [u64; 6],
     /// SAH cost of the tree as it is now, where the strategy needs it or
     /// [`Updater::report_cost`](crate::Updater::report_cost) asks for it:
-    /// [`sah_cost`](bvh_core::sah_cost), but from `f32` areas unless some may leave the range of `f32`. `None` after
-    /// a rebuild or a partial rebuild; a tree from the background is refitted, so it has one.
+    /// [`sah_cost`](bvh_core::sah_cost), but from `f32` areas unless some may leave the range of
+    /// `f32`. After rotations that remove most of the cost in one update it is up to 1 % too high or
+    /// too low, since changes are added to the cost before. `None` after a rebuild or a partial
+    /// rebuild; a tree from the background is refitted, so it has one.
     pub sah_cost: Option<f64>,
     /// Height of the tree as it is now.
     pub height: u32,

@@ -77,8 +77,10 @@ impl SleepDelay {
 
 #[cfg(test)]
 mod tests {
+    use std::panic::{AssertUnwindSafe, catch_unwind};
+
     use bvh_build::{BuildOptions, Builder, build};
-    use bvh_core::{Aabb, Node, Vec3, sah_cost};
+    use bvh_core::{Aabb, Node, Primitives, Vec3, sah_cost};
 
     use super::*;
     use crate::{Rotate, Strategy, Updater};
@@ -160,5 +162,28 @@ mod tests {
         let mut smaller = build(&boxes[..5], Builder::Sweep).expect("few enough");
         assert_eq!(delay.mark(&mut smaller, |_| true), 5);
         assert!(smaller.all_dynamic());
+    }
+
+    /// A rebuild that panicked leaves an empty tree, and the next one counts as another.
+    #[test]
+    fn a_tree_built_after_a_panic_is_marked_again() {
+        struct Panics;
+        impl Primitives for Panics {
+            fn len(&self) -> usize {
+                9
+            }
+
+            fn bounds(&self, _: usize) -> Aabb {
+                panic!("no box")
+            }
+        }
+        let boxes = vec![Aabb::new(Vec3::ZERO, Vec3::ONE); 9];
+        let (mut bvh, mut delay) = (build(&boxes, Builder::Sweep).expect("few enough"), SleepDelay::new(0));
+        assert_eq!(delay.mark(&mut bvh, |i| i < 4), 4);
+        let mut updater = Updater::new(Strategy::Rebuild(Builder::Sweep, BuildOptions::default()));
+        let update = AssertUnwindSafe(|| updater.update(&mut bvh, &Panics));
+        catch_unwind(update).expect_err("no box");
+        updater.update(&mut bvh, &boxes).expect("built");
+        assert_eq!((delay.mark(&mut bvh, |i| i < 4), bvh.all_dynamic()), (4, false));
     }
 }

@@ -111,7 +111,8 @@ impl Updater {
     /// Primitives without finite coordinates are dropped from all boxes, counted in
     /// [`Update::dropped`], and return in the first update that finds them finite. After an update
     /// every box is tight, wherever the primitives went: onto one point, far from the origin, beyond the
-    /// range of `f32` areas. A rotation is applied only if it lowers the area, strictly, and leaves
+    /// range of `f32` areas. A rotation is applied only if it lowers the area, strictly, in the arithmetic of
+    /// [`area_changes`](bvh_core::rotation::area_changes), and leaves
     /// the tree no higher than [`MAX_HEIGHT`](bvh_core::MAX_HEIGHT).
     ///
     /// Runs in the current rayon pool. The tree that results is the same, bit for bit, for every

@@ -57,6 +57,7 @@ fn a_number_of_primitives_that_changes_leaves_a_valid_tree_which_honest_updates_
     for strategy in Strategy::all() {
         for first in 0..5 {
             let mut bvh = build(&start, Builder::Sweep).expect("few enough");
+            bvh.set_dynamic(|p| first == 0 || !p.is_multiple_of(10));
             let liar = Liar(boxes(0.5), first.into());
             let mut updater = Updater::new(strategy);
             for _ in 0..4 {
@@ -90,6 +91,38 @@ fn an_empty_leaf_stays_without_a_box() {
     bvh.set_dynamic(|_| true);
     updater.update(&mut bvh, &boxes).expect("same count");
     bvh.validate(&boxes).expect("valid");
+}
+
+/// No update asks for the primitives of a leaf that has none, wherever it says that they are.
+#[test]
+fn empty_leaves_are_asked_for_nothing() {
+    struct Strict(Vec<Aabb>);
+    impl Primitives for Strict {
+        fn len(&self) -> usize {
+            self.0.len()
+        }
+
+        fn bounds(&self, i: usize) -> Aabb {
+            self.0[i]
+        }
+
+        fn prefetch_index(&self, i: usize) {
+            assert!(i < self.len());
+        }
+    }
+    let boxes = boxes(0.0)[..3].to_vec();
+    let leaf = |slot: usize| Node::leaf(boxes[slot % 3], slot as u32, u32::from(slot < 3));
+    let (l, r) = (Node::parent(&leaf(0), &leaf(3), 4), Node::parent(&leaf(1), &leaf(2), 6));
+    let some = [Node::parent(&l, &r, 2), Node::NOTHING, l, r, leaf(0), leaf(3), leaf(1), leaf(2)];
+    let none = [Node::parent(&leaf(3), &leaf(3), 2), Node::NOTHING, leaf(3), leaf(3)];
+    for strategy in Strategy::all() {
+        for (nodes, order) in [(&some[..], vec![1, 0, 2]), (&some, vec![0, 1, 2]), (&none, vec![])] {
+            let strict = Strict(boxes[..order.len()].to_vec());
+            let mut bvh = Bvh::new(nodes, order).expect("valid");
+            Updater::new(strategy).update(&mut bvh, &strict).expect("same count");
+            bvh.validate(&strict).expect("valid");
+        }
+    }
 }
 
 /// Heights and moving bits are those that the leaves make, and so is the sum over what stands

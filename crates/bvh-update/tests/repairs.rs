@@ -541,6 +541,21 @@ fn trees_that_are_equal_but_for_rounding_are_not_exchanged_for_ever() {
         bvh.fingerprint()
     });
     assert!(hashes[100..].iter().all(|&hash| hash == hashes[199]));
+    // Areas that have few digits in `f32`.
+    for seed in 0..10 {
+        let at = |i: u32, k: u32| (i.wrapping_mul(k).wrapping_add(seed * 7919) % 99_991) as f32 * 1e-5;
+        let corner = |i: u32| Vec3::new(at(i, 7919), at(i, 104_729), at(i, 1_299_709));
+        let boxes: Vec<Aabb> =
+            (0..300).map(corner).map(|p| Aabb::new(p * 1e-22, (p + 0.05) * 1e-22)).collect();
+        let mut bvh = build(&boxes, Builder::Lbvh).expect("built");
+        let hashes: Vec<_> = (0..400)
+            .map(|_| {
+                updater.update(&mut bvh, &boxes).expect("as many");
+                bvh.fingerprint()
+            })
+            .collect();
+        assert!(hashes[350..].iter().all(|&hash| hash == hashes[399]), "{seed}");
+    }
 }
 
 /// What moves after a build began, and rests when its tree takes over, has its box where it rests.

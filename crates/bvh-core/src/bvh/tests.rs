@@ -54,8 +54,9 @@ fn trees_know_whether_their_leaves_have_one_primitive_each() {
         tree(&three(), 3),
         tree(&[three().as_slice(), &unused].concat(), 3),
         pair(leaf(0, 1), leaf(1, 1)),
+        // A leaf without primitives is nothing.
+        tree(&[three()[0], Node::NOTHING, three()[2], leaf(2, 0), leaf(0, 1), leaf(1, 1)], 2),
     ];
-    // Empty leaves move until somebody marks what does.
     let others = [tree(&[leaf(0, 2), Node::NOTHING], 2), pair(leaf(0, 2), leaf(2, 0))];
     assert!(of_one.iter().all(Bvh::has_leaves_of_one) && !others.iter().any(Bvh::has_leaves_of_one));
     let mut copy = others[0].clone();

@@ -170,7 +170,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     let number = State::of(bvh).background_job;
     builds.age = builds.age.saturating_add(1);
     // `builds` is of the updater, which may have updated another tree in between.
-    if let Some(new) = builds.take(number).filter(|new| new.len() == primitives.len()) {
+    if let Some(new) = builds.take(number).filter(|new| new.len() == bvh.len()) {
         has_static = bvh.note_dynamic(&mut rebuild.dynamic);
         let marked = bvh.update_state().changes.dynamic;
         std::mem::swap(bvh, new);

@@ -43,7 +43,7 @@ pub(crate) fn new_tree<P: Primitives + ?Sized>(
     options: &BuildOptions,
     scratch: &mut RebuildScratch,
 ) -> Result<Update, UpdateError> {
-    let heritage = Heritage::of(bvh, primitives.len(), &mut scratch.dynamic);
+    let heritage = Heritage::of(bvh, &mut scratch.dynamic);
     heritage.pass_on(bvh, primitives, builder, options, scratch)
 }
 
@@ -56,8 +56,8 @@ struct Heritage {
 }
 
 impl Heritage {
-    fn of(bvh: &Bvh, primitives: usize, dynamic: &mut Vec<bool>) -> Self {
-        let has_static = bvh.note_dynamic(dynamic) && primitives == bvh.len();
+    fn of(bvh: &Bvh, dynamic: &mut Vec<bool>) -> Self {
+        let has_static = bvh.note_dynamic(dynamic);
         Self { measure: State::of(bvh).measure, has_static, marked: bvh.update_state().changes.dynamic }
     }
 
@@ -72,7 +72,7 @@ impl Heritage {
     ) -> Result<Update, UpdateError> {
         rebuild(bvh, primitives, builder, options, &mut scratch.build)?;
         State::count_rebuild(parts(bvh).state, self.marked);
-        if self.has_static {
+        if self.has_static && bvh.len() == scratch.dynamic.len() {
             bvh.set_dynamic(|p| scratch.dynamic[p]);
         }
         let state = State::note_changes(parts(bvh).state);
@@ -104,7 +104,7 @@ pub(crate) fn build_beside<P: Primitives + ?Sized>(
     scratch: &mut RebuildScratch,
 ) -> Result<Update, UpdateError> {
     let options = options_like(bvh);
-    let heritage = Heritage::of(bvh, primitives.len(), &mut scratch.dynamic);
+    let heritage = Heritage::of(bvh, &mut scratch.dynamic);
     let mut new = std::mem::take(&mut scratch.beside);
     let update = heritage.pass_on(&mut new, primitives, builder, &options, scratch)?;
     scratch.beside = new;
