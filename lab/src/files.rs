@@ -110,9 +110,10 @@ pub(crate) fn remove_all(folder: &Path, is_old: impl Fn(&str) -> bool) -> Result
     Ok(())
 }
 
-/// A path as the user would name it: from the workspace's root, if it is below it.
+/// A path as the user would name it: from the current folder, if it is below it.
 pub(crate) fn shown(path: &Path) -> String {
-    printable(&path.strip_prefix(workspace()).unwrap_or(path).display().to_string())
+    let here = std::env::current_dir().unwrap_or_default();
+    printable(&path.strip_prefix(here).unwrap_or(path).display().to_string())
 }
 
 /// Prints a line to standard output; a reader that has left is an error.

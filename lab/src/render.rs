@@ -19,9 +19,10 @@ use crate::{files, interrupt};
 /// Arguments of `render`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// A scene's name, a .glb, .gltf, .obj, .ply, .stl or .aff file, or a folder of key frames
+    /// A scene's name, a .glb, .gltf, .obj, .ply, .stl or .aff file, or a folder of .ply or .obj
+    /// key frames
     scene: String,
-    /// The frame to render, from 0 [default: 0]
+    /// The frame to render, from 0 [default: 0; of a .gif all]
     #[arg(long, value_name = "N", conflicts_with = "frames")]
     frame: Option<usize>,
     /// Frames from A up to but without B; a long range can be split over machines
@@ -107,15 +108,18 @@ pub fn run(args: &Args) -> Result<()> {
     let options = SceneOptions { seed, light, local_origin, ..SceneOptions::default() };
     let scene = stage::load_with(&args.scene, args.clip.as_deref(), options)?;
     let count = scene.frames.max(1);
-    let frame = args.frame.unwrap_or(0);
-    let last = args.frames.as_ref().map_or(frame, |frames| frames.end - 1);
+    let wanted = match (&args.frames, args.frame, &target) {
+        (Some(frames), ..) => frames.clone(),
+        (None, None, Target::Film(_)) => 0..count,
+        (None, frame, _) => frame.unwrap_or(0)..frame.unwrap_or(0).saturating_add(1),
+    };
     ensure!(
-        last < count,
-        "{}: no frame {last}; its frames are 0 to {}",
+        wanted.end <= count,
+        "{}: no frame {}; its frames are 0 to {}",
         stage::label(&args.scene),
+        wanted.end - 1,
         count - 1
     );
-    let wanted = args.frames.clone().unwrap_or(frame..frame + 1);
     // Before anything long begins.
     files::ensure_writable(&target.file(&stage::label(&args.scene), wanted.start))?;
     for note in &scene.notes {

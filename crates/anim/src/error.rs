@@ -83,7 +83,8 @@ pub(crate) fn numbered<'a, T>(
     what: &str,
     place: impl Display,
 ) -> Result<&'a T, Problem> {
-    let (found, expected) = (|| format!("no {what} {number}"), || format!("a number below {}", list.len()));
+    let (found, expected) =
+        (|| format!("no {what} {number}"), || format!("one of the {} there are", list.len()));
     list.get(number).ok_or_else(|| Problem::new(place.to_string(), found(), expected()))
 }
 

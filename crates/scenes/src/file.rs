@@ -15,9 +15,9 @@ use crate::{Effects, LightEffects, Scene, SceneOptions, Simulated, SimulationSta
 const BOUND_SAMPLES: usize = 32;
 /// The eye of a default view stands this many times as far off as it must for the box to fit.
 const MARGIN: f32 = 1.04;
-/// Least width over height of the images that a default view fits: half of a window of 16 to 9, which
-/// shows two trees.
-const NARROWEST: f32 = 8.0 / 9.0;
+/// Width and height of the narrowest image that a default view fits: half of a window of 16 to 9,
+/// which shows two trees.
+pub const NARROWEST: [u32; 2] = [8, 9];
 /// Frames per second of animations that do not come with a number of frames.
 const FRAME_RATE: f64 = 24.0;
 /// Frames of an animation that lasts longer are further apart.
@@ -122,10 +122,10 @@ fn framing(center: Vec3, half: Vec3) -> (View, Light) {
     let (up, slope) = (back.cross(right), libm::tanf(0.5 * fov_y));
     // Relative to the size of the box: squares of what is very large or small leave the range of f32.
     let size = half.max_element();
-    let shape = half / size;
+    let (shape, narrowest) = (half / size, NARROWEST[0] as f32 / NARROWEST[1] as f32);
     // A corner is in the image if it is no further aside, nor up or down, than its depth allows.
     let distance = |corner: Vec3| {
-        let aside = (right.dot(corner).abs() / NARROWEST).max(up.dot(corner).abs());
+        let aside = (right.dot(corner).abs() / narrowest).max(up.dot(corner).abs());
         back.dot(corner) + aside / slope
     };
     let sign = |set: i32| if set == 0 { 1.0 } else { -1.0 };
@@ -155,7 +155,7 @@ mod tests {
             // 1 at the edge of the narrowest image.
             let places = corners.as_flattened().as_flattened().iter().map(|corner| {
                 let seen = *corner - eye;
-                let aside = (right.dot(seen).abs() / NARROWEST).max(right.cross(ahead).dot(seen).abs());
+                let aside = (right.dot(seen).abs() / 8.0 * 9.0).max(right.cross(ahead).dot(seen).abs());
                 assert!(ahead.dot(seen) > 0.0, "{shape}: {corner} lies behind the eye");
                 aside / ahead.dot(seen) / (0.5 * fov_y).tan()
             });

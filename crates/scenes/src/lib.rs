@@ -44,7 +44,7 @@ mod whole_file;
 pub use accuracy::{Distance, distance};
 pub use effects::{Effects, LightEffects, Simulated};
 pub use fairy_forest::fairy_forest_glb;
-pub use file::scene_of;
+pub use file::{NARROWEST, scene_of};
 pub use frame_stages::FrameStage;
 pub use scene::{Measure, Scene, SceneError, SceneInfo, SceneOptions, list, load};
 pub use simulation::SimulationStats;

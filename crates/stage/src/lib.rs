@@ -13,7 +13,7 @@ use rt_cpu::{
     AmbientOcclusion, Camera, DiffuseBounces, Effects, Filter, Material, Mesh, PointLight, RenderOptions,
     Texture, Wrap,
 };
-use scenes::{FrameStage, LightEffects, Scene};
+use scenes::{FrameStage, LightEffects, NARROWEST, Scene};
 
 /// Samples of a pixel with such effects, if none are asked for.
 #[must_use]
@@ -25,6 +25,19 @@ pub fn default_samples(light: LightEffects) -> u32 {
     } else {
         1
     }
+}
+
+/// The camera of a view. An image narrower than [`NARROWEST`] shows as much from side to side as one
+/// of that shape, and more above and below.
+#[must_use]
+pub fn camera(view: View, width: u32, height: u32) -> Camera {
+    let View { eye, target, up, mut fov_y } = view;
+    let [across, upwards] = NARROWEST.map(u64::from);
+    let (found, least) = (upwards * u64::from(width.max(1)), across * u64::from(height));
+    if found < least {
+        fov_y = 2.0 * libm::atanf(libm::tanf(0.5 * fov_y) * (least as f32 / found as f32));
+    }
+    Camera::look_at(eye, target, up, fov_y, width, height)
 }
 
 /// A scene at one moment.
@@ -170,8 +183,7 @@ impl Stage {
     /// The camera of the scene's view now.
     #[must_use]
     pub fn camera(&self, width: u32, height: u32) -> Camera {
-        let View { eye, target, up, fov_y } = self.view();
-        Camera::look_at(eye, target, up, fov_y, width, height)
+        camera(self.view(), width, height)
     }
 
     /// The scene's light now.

@@ -69,7 +69,7 @@ pub struct Args {
     /// What to compare
     #[arg(value_enum, default_value_t = What::All)]
     what: What,
-    /// A scene's name, a .glb, .gltf, .obj, .ply, .stl or .aff file, or a folder of key frames;
+    /// A scene's name, a .glb, .gltf, .obj, .ply, .stl or .aff file, or a folder of .ply or .obj key frames;
     /// repeatable [default: cloth-ball, n-body, exploding-dragon, lion; all for whole frames]
     #[arg(long = "scene", value_name = "NAME|FILE|DIR")]
     scenes: Vec<String>,

@@ -53,7 +53,7 @@ pub struct Args {
     /// protocol
     #[arg(long, value_enum, default_value_t = Preset::Standard)]
     pub(super) preset: Preset,
-    /// A scene's name, a .glb, .gltf, .obj, .ply, .stl or .aff file, or a folder of key frames;
+    /// A scene's name, a .glb, .gltf, .obj, .ply, .stl or .aff file, or a folder of .ply or .obj key frames;
     /// repeatable [default: all]
     #[arg(long = "scene", value_name = "NAME|FILE|DIR")]
     pub(super) scenes: Vec<String>,

@@ -102,9 +102,10 @@ pub(super) fn take_over(folder: &Path, now: &Results, entries: &mut [Entry]) -> 
     ] {
         ensure!(
             same,
-            "{}: holds rows measured with {what} other than now; empty the folder to start again, or name \
-             another --out",
-            folder.display()
+            "{}: holds rows measured with {what} other than now, by `{}`; empty the folder to start again, \
+             or name another --out",
+            folder.display(),
+            before.settings.command
         );
     }
     for Entry { label, before: run, .. } in &mut *entries {

@@ -146,7 +146,8 @@ impl State {
         let set = &self.settings;
         let on = |on: bool| if on { "on" } else { "off" }.to_owned();
         match control {
-            Control::Scene => self.scene_name().to_owned(),
+            // Of a file its name, as a path is too long for the panel.
+            Control::Scene => self.scene_name().rsplit(['/', '\\']).next().unwrap_or_default().to_owned(),
             Control::Play => on(self.playing),
             Control::Speed => format!("x {}", set.speed),
             Control::Left => set.left.name().to_owned(),

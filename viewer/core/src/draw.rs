@@ -46,9 +46,8 @@ impl State {
     }
 
     pub(crate) fn camera(&self, stage: &Stage, port: Rect, coarse: u32) -> Camera {
-        let anim::View { eye, target, up, fov_y } = self.eye.view(stage.view());
         let size = |pixels: i32| (pixels as u32).div_ceil(coarse).max(1);
-        Camera::look_at(eye, target, up, fov_y, size(port.width), size(port.height))
+        stage::camera(self.eye.view(stage.view()), size(port.width), size(port.height))
     }
 
     /// Draws the viewer as it is now. While something moves, the picture of each tree is as coarse

@@ -16,7 +16,8 @@ pub(crate) fn draw(args: &Args, settings: Settings, out: &Path) -> Result<()> {
     let extension = out.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
     let mut state = State::new(args.size.0, args.size.1, vec![args.scene.clone()], CLOCK);
     let pace = Pace::new();
-    let mut ready = load::ready(&args.scene, &|part| pace.at("simulating", part.into()))?;
+    let mut ready =
+        load::ready(&args.scene, args.clip.as_deref(), &|part| pace.at("simulating", part.into()))?;
     let fresh = ready.take_fresh_costs();
     state.apply(Event::Settings(settings));
     state.apply(Event::Scene(Box::new(ready)));
@@ -34,6 +35,10 @@ pub(crate) fn draw(args: &Args, settings: Settings, out: &Path) -> Result<()> {
         Some(other) => bail!("cannot write .{other}; a picture is .png or .gif, or name a folder"),
         None => Film::folder(out)?,
     };
+    if let (Film::File(_) | Film::Gif(..), Some(folder)) = (&film, out.parent()) {
+        fs::create_dir_all(folder)
+            .with_context(|| format!("{}: cannot be made a folder", folder.display()))?;
+    }
     // Plays by hand, one frame at a time.
     state.apply(Event::Key(Key::Char(' '), true));
     let pace = Pace::new();
@@ -50,6 +55,9 @@ pub(crate) fn draw(args: &Args, settings: Settings, out: &Path) -> Result<()> {
         loop {
             let canvas = state.draw().clone();
             if state.is_at_rest() {
+                if let Film::Folder(_, number) = &mut film {
+                    *number = frame;
+                }
                 film.push(&canvas)?;
                 break;
             }
@@ -62,7 +70,7 @@ pub(crate) fn draw(args: &Args, settings: Settings, out: &Path) -> Result<()> {
 /// Where pictures go, one after another.
 pub(crate) enum Film {
     File(PathBuf),
-    /// A folder, and the number of pictures in it.
+    /// A folder, and the number of the next picture.
     Folder(PathBuf, usize),
     /// A file, and the pictures for it.
     Gif(PathBuf, Vec<Canvas>),
@@ -78,9 +86,9 @@ impl Film {
     pub(crate) fn push(&mut self, canvas: &Canvas) -> Result<()> {
         match self {
             Self::File(path) => save(canvas, path),
-            Self::Folder(path, count) => {
-                *count += 1;
-                save(canvas, &path.join(format!("frame-{:04}.png", *count - 1)))
+            Self::Folder(path, number) => {
+                *number += 1;
+                save(canvas, &path.join(format!("frame-{:04}.png", *number - 1)))
             }
             Self::Gif(_, frames) => {
                 frames.push(canvas.clone());

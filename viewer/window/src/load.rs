@@ -16,11 +16,11 @@ pub(crate) fn names(first: &str) -> Vec<String> {
 }
 
 /// Loads a scene and makes it ready. Simulations are recorded where `cargo xtask` records them.
-pub(crate) fn ready(name: &str, progress: &(dyn Fn(f32) + Sync)) -> Result<Ready> {
+pub(crate) fn ready(name: &str, clip: Option<&str>, progress: &(dyn Fn(f32) + Sync)) -> Result<Ready> {
     let cache = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../target/scenes");
     let options =
         SceneOptions { cache_dir: Some(cache), progress: Some(progress), ..SceneOptions::default() };
-    let scene = scenes::load(name, None, &options)?;
+    let scene = scenes::load(name, clip, &options)?;
     Ready::new(scene).with_context(|| format!("{name}: no tree"))
 }
 
@@ -59,7 +59,11 @@ static LATEST: AtomicU64 = AtomicU64::new(0);
 
 /// Loads a scene on a thread of its own, and then looks for the costs of fresh trees until another
 /// scene is to be loaded. What comes of it goes to `send`, which is false once nobody listens.
-pub(crate) fn begin(name: String, send: impl Fn(Event) -> bool + Send + Sync + 'static) {
+pub(crate) fn begin(
+    name: String,
+    clip: Option<String>,
+    send: impl Fn(Event) -> bool + Send + Sync + 'static,
+) {
     let number = LATEST.fetch_add(1, Ordering::Relaxed) + 1;
     std::thread::spawn(move || {
         let work = || {
@@ -68,7 +72,7 @@ pub(crate) fn begin(name: String, send: impl Fn(Event) -> bool + Send + Sync + '
             let progress = |part: f32| {
                 send(Event::Message(progress_line(&format!("simulating {name}"), part.into(), start)));
             };
-            let fresh = match ready(&name, &progress) {
+            let fresh = match ready(&name, clip.as_deref(), &progress) {
                 Ok(mut ready) => {
                     let fresh = ready.take_fresh_costs();
                     send(Event::Scene(Box::new(ready)));

@@ -24,9 +24,13 @@ use viewer_core::{Clock, Settings};
 #[derive(Parser)]
 #[command(bin_name = "cargo xtask view", max_term_width = 100)]
 struct Args {
-    /// A scene's name, or a .glb, .gltf, .obj, .ply, .stl or .aff file, or a folder of key frames
+    /// A scene's name, or a .glb, .gltf, .obj, .ply, .stl or .aff file, or a folder of .ply or .obj
+    /// key frames
     #[arg(default_value = "exploding-dragon")]
     scene: String,
+    /// Clip of a glTF file, by name or number [default: its first]
+    #[arg(long, value_name = "NAME|NUMBER")]
+    clip: Option<String>,
     /// How the tree on the left is kept good
     #[arg(long, value_name = "NAME", default_value = "refit")]
     strategy: Strategy,

@@ -144,7 +144,8 @@ impl App<'_> {
             let done = match request {
                 Request::Load(name) => {
                     let proxy = self.proxy.clone();
-                    load::begin(name, move |event| proxy.send_event(event).is_ok());
+                    let clip = self.args.clip.clone().filter(|_| name == self.args.scene);
+                    load::begin(name, clip, move |event| proxy.send_event(event).is_ok());
                     continue;
                 }
                 Request::Quit => {

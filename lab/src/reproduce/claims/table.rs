@@ -53,11 +53,11 @@ impl Table {
         self.or("no scene that moves was run with all the strategies it compares")
     }
 
-    pub(super) fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.rows.len()
     }
 
-    pub(super) fn count(&self, holds: impl Fn(f64) -> bool) -> usize {
+    pub(crate) fn count(&self, holds: impl Fn(f64) -> bool) -> usize {
         self.rows.iter().filter(|(_, v)| holds(*v)).count()
     }
 
@@ -79,7 +79,7 @@ impl Table {
     }
 
     /// Names of those for which `holds` is false.
-    pub(super) fn except(&self, holds: impl Fn(f64) -> bool) -> String {
+    pub(crate) fn except(&self, holds: impl Fn(f64) -> bool) -> String {
         let names = self.rows.iter().filter(|(_, v)| !holds(*v)).map(|(name, _)| name.as_str());
         names.collect::<Vec<_>>().join(", ")
     }

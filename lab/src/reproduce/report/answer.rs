@@ -32,8 +32,16 @@ pub(super) fn headline(results: &Results) -> String {
         Some(Spread { min, max, .. }) => {
             let [least, most] = [min, max].map(|ratio| format!("{ratio:.*}", usize::from(ratio < 9.95)));
             let range = if least == most { most } else { format!("{least} to {most}") };
-            let what = format!("Rotations pay: frames are {range} times as fast as with refitting alone");
-            ratios.scenes_where(&what, pays) + "."
+            let fast = format!("frames are {range} times as fast as with refitting alone");
+            let (some, all) = (ratios.count(pays), ratios.len());
+            if 2 * some < all {
+                let except = ratios.except(pays);
+                return format!(
+                    "Rotations do not pay in {} of {all} scenes: {except}. Elsewhere {fast}.",
+                    all - some
+                );
+            }
+            ratios.scenes_where(&format!("Rotations pay: {fast}"), pays) + "."
         }
     }
 }
@@ -136,7 +144,12 @@ mod tests {
         );
         let mixed = run(&[4.0, 9.0, 19.0]);
         assert!(
-            mixed.ends_with("in 1 of 3 scenes; not in b, c (frames take 2.00 times as long)."),
+            mixed
+                .starts_with("Rotations do not pay in 2 of 3 scenes: b, c (frames take 2.00 times as long)."),
+            "{mixed}"
+        );
+        assert!(
+            mixed.ends_with("Elsewhere frames are 2.0 times as fast as with refitting alone."),
             "{mixed}"
         );
         assert_eq!(run(&[9.0, 9.1]), "Rotations pay in no scene: a, b.");
