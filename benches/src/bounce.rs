@@ -7,8 +7,9 @@ use rt_cpu::{Camera, Pixel, uniform};
 
 use crate::{RAYS, Rays};
 
-/// A diffuse bounce: from every hit of a picture a ray into the half space of the viewer, as likely
-/// as the cosine of its angle to the triangle's normal is large. The same seed gives the same rays.
+/// Makes a diffuse bounce: from every hit of a picture a ray into the half space of the viewer, as
+/// likely as the cosine of its angle to the triangle's normal is large. The same seed gives the
+/// same rays.
 ///
 /// They start off the surface by 32 roundings of the triangle's coordinates, as reflected rays of
 /// [`rt_cpu`] do, and have unit length. Rays of neighbouring pixels are neighbours.

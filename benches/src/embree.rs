@@ -40,7 +40,7 @@ impl Embree {
         Ok(Self { api: Arc::new(load::load(path)?) })
     }
 
-    /// A device that builds on this number of threads.
+    /// Makes a device that builds on this number of threads.
     ///
     /// # Errors
     /// If Embree gives none, as on processors that it does not support.
@@ -62,7 +62,7 @@ pub struct Device {
 }
 
 impl Device {
-    /// Version of the library, such as 4.4.0.
+    /// Returns the version of the library, such as 4.4.0.
     #[must_use]
     pub fn version(&self) -> String {
         let v = self.handle.version;

@@ -41,7 +41,7 @@ impl Entry {
         Self { name: name.into(), keeps_tree, make: Box::new(make) }
     }
 
-    /// The contestant with its own copy of the triangles; no tree is built yet.
+    /// Makes the contestant with its own copy of the triangles; no tree is built yet.
     ///
     /// # Errors
     /// If the library cannot take them.
@@ -53,7 +53,7 @@ impl Entry {
 /// Name of the entry that is no library but the memory limit.
 pub const LIMIT: &str = "memory limit";
 
-/// All who take part. Embree does where a device is given.
+/// Returns all who take part. Embree does where a device is given.
 #[must_use]
 pub fn field(contest: Contest, embree: Option<&embree::Device>) -> Vec<Entry> {
     let mut entries = Vec::new();

@@ -39,33 +39,33 @@ impl Rays {
         self.count = count.min(RAYS);
     }
 
-    /// Number of rays.
+    /// Returns the number of rays.
     #[must_use]
     pub fn len(&self) -> usize {
         self.count
     }
 
-    /// Whether there are none.
+    /// Returns whether there are no rays.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.count == 0
     }
 
-    /// Where ray `i` starts.
+    /// Returns where ray `i` starts.
     #[must_use]
     #[inline]
     pub fn origin(&self, i: usize) -> Vec3 {
         Vec3::from(self.origin.each_ref().map(|o| o[i]))
     }
 
-    /// Where ray `i` goes.
+    /// Returns where ray `i` goes.
     #[must_use]
     #[inline]
     pub fn direction(&self, i: usize) -> Vec3 {
         Vec3::from(self.direction.each_ref().map(|d| d[i]))
     }
 
-    /// Ray `i` with what box tests need.
+    /// Returns ray `i` with what box tests need.
     #[must_use]
     #[inline]
     pub fn ray(&self, i: usize) -> Ray {
@@ -101,7 +101,7 @@ impl Hits {
     /// In place of a triangle's number: nothing is hit.
     pub const NONE: u32 = u32::MAX;
 
-    /// What ray `i` hits.
+    /// Returns what ray `i` hits.
     #[must_use]
     #[inline]
     pub fn get(&self, i: usize) -> Option<Hit> {

@@ -349,10 +349,10 @@ impl Answers {
         }
     }
 
-    /// Whether the numbers of hits differ by no more than 0.01 % and those of lit pixels by no more
-    /// than 0.1 % (and one, for small views), and the answers of no more than 0.1 % of all pixels:
-    /// triangle tests that round in other ways may disagree at silhouettes, and along the edges of
-    /// shadows.
+    /// Returns whether the numbers of hits differ by no more than 0.01 % and those of lit pixels by
+    /// no more than 0.1 % (and one, for small views), and the answers of no more than 0.1 % of all
+    /// pixels: triangle tests that round in other ways may disagree at silhouettes, and along the
+    /// edges of shadows.
     #[must_use]
     pub fn agrees_with(&self, reference: &Self) -> bool {
         let near = |a: u64, b: u64, part: u64| a.abs_diff(b) <= 1 + b / part;

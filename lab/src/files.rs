@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use anim::printable;
 use anyhow::{Context, Result, anyhow, ensure};
 
-/// The root of the workspace.
+/// Returns the root of the workspace.
 pub fn workspace() -> &'static Path {
     let lab = Path::new(env!("CARGO_MANIFEST_DIR"));
     lab.parent().unwrap_or(lab)

@@ -22,7 +22,7 @@ pub fn catch() {
     }
 }
 
-/// Whether to stop as soon as it is convenient.
+/// Returns whether to stop as soon as it is convenient.
 pub fn requested() -> bool {
     REQUESTED.load(Ordering::Relaxed)
 }

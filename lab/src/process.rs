@@ -6,13 +6,13 @@ use anyhow::{Context, Result, ensure};
 
 use crate::files;
 
-/// The program of that name; for cargo the one that runs this.
+/// Returns the program of that name; for cargo the one that runs this.
 pub fn program(name: &str) -> Command {
     let cargo = std::env::var_os("CARGO").filter(|_| name == "cargo");
     Command::new(cargo.unwrap_or_else(|| name.into()))
 }
 
-/// What a program prints in the workspace, without spaces at its end.
+/// Returns what a program prints in the workspace, without spaces at its end.
 ///
 /// # Errors
 ///

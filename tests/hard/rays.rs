@@ -134,7 +134,8 @@ fn directions_of_extreme_length() {
     });
 }
 
-/// Corners farther away, in lengths of the direction, than `f32` can tell, around a hit that is not.
+/// Corners farther away, in lengths of the direction, than `f32` can tell, around a hit that is
+/// not.
 #[test]
 fn corners_beyond_the_range_of_distances() {
     for (z, origin, length) in [(1e9, -1e8, 1e-30), (9.0, -1.0, 2e-38)] {

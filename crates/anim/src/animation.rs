@@ -169,7 +169,7 @@ impl Model {
         finite.reduce(|(low, high), (p, _)| (low.min(p), high.max(p)))
     }
 
-    /// The nearest time of the loop; 0 for a time that is not a number.
+    /// Returns the nearest time of the loop; 0 for a time that is not a number.
     #[must_use]
     pub fn clamp(&self, time: f64) -> f64 {
         // In this order a time that is not a number becomes 0.

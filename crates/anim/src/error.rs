@@ -88,8 +88,8 @@ pub(crate) fn numbered<'a, T>(
     list.get(number).ok_or_else(|| Problem::new(place.to_string(), found(), expected()))
 }
 
-/// Text without control characters, which a terminal would obey; line ends and tabs stay. Names in
-/// files may hold any.
+/// Returns the text without control characters, which a terminal would obey; line ends and tabs
+/// stay. Names in files may hold any.
 #[must_use]
 pub fn printable(text: &str) -> String {
     text.chars().map(|c| if c.is_control() && c != '\n' && c != '\t' { '\u{fffd}' } else { c }).collect()

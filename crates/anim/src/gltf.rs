@@ -222,8 +222,8 @@ impl<'a> Loader<'a> {
         Ok(())
     }
 
-    /// Morph target weights of the `mesh` at `node`, from its channel, else from the node, else from
-    /// the mesh, else 0.
+    /// Morph target weights of the `mesh` at `node`, from its channel, else from the node, else
+    /// from the mesh, else 0.
     fn morph_weights(&mut self, node: usize, mesh: &Mesh) -> Result<Option<Arc<Track>>, Problem> {
         let Accessors { root, budget, .. } = self.accessors;
         let count = target_count(root, node);

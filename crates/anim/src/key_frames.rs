@@ -27,8 +27,8 @@ pub struct KeyFrames {
 }
 
 impl KeyFrames {
-    /// An animation from the rest positions of `model` through the positions of `more` key frames,
-    /// `seconds_per_frame` apart; each has one position per vertex.
+    /// Makes an animation from the rest positions of `model` through the positions of `more` key
+    /// frames, `seconds_per_frame` apart; each has one position per vertex.
     ///
     /// Which vertices move is found out here, by comparing the frames bit for bit: `moves` of the
     /// topology, the motion of its parts and the duration are set accordingly, whatever they were.

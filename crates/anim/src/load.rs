@@ -87,8 +87,8 @@ fn origin_without_clip(file: &Path, options: &LoadOptions<'_>) -> Result<DVec3, 
     options.clip.map_or(Ok(options.origin), |wanted| Err(LoadError::unknown_clip(file, wanted, &[])))
 }
 
-/// The middle of the box around all finite positions at time 0, in whole units: an origin for
-/// [`load`] that keeps the details of a model far away. O(vertices).
+/// Returns the middle of the box around all finite positions at time 0, in whole units: an origin
+/// for [`load`] that keeps the details of a model far away. O(vertices).
 #[must_use]
 pub fn center(animation: &dyn Animation) -> DVec3 {
     let middle = |(low, high): (Vec3, Vec3)| (0.5 * (low.as_dvec3() + high.as_dvec3())).round();

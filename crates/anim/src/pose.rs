@@ -57,19 +57,19 @@ impl Work {
 }
 
 impl Pose {
-    /// The animation at time 0, to be moved by these kinds of motion only.
+    /// Makes the animation at time 0, to be moved by these kinds of motion only.
     #[must_use]
     pub fn new(kinds: Motion, animation: &dyn Animation) -> Self {
         Self { positions: animation.rest(), time: 0.0, kinds }
     }
 
-    /// All vertices as they are now.
+    /// Returns all vertices as they are now.
     #[must_use]
     pub fn positions(&self) -> &[Vec3] {
         &self.positions
     }
 
-    /// The time they are at, in seconds.
+    /// Returns the time that the positions are at, in seconds.
     #[must_use]
     pub fn time(&self) -> f64 {
         self.time

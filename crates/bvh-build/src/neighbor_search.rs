@@ -15,9 +15,9 @@ pub(crate) const MAX_RADIUS: usize = 32;
 const PART: usize = 256;
 
 /// The rank, which takes the place of the lowest bits of an area. It decides between areas whose
-/// other bits are equal. Its higher bits are the distance. Its lowest bit separates the two clusters
-/// at one distance: it is the parity of the lower of the two places, in units of the greatest power
-/// of two that divides the distance.
+/// other bits are equal. Its higher bits are the distance. Its lowest bit separates the two
+/// clusters at one distance: it is the parity of the lower of the two places, in units of the
+/// greatest power of two that divides the distance.
 const RANK: u32 = 2 * MAX_RADIUS as u32 - 1;
 
 /// Boxes of some clusters and of those near them, coordinate by coordinate.

@@ -47,7 +47,8 @@ pub struct Anneal {
     /// Temperature at the start, in half areas of an average inner node; 0.1 by default. The odds
     /// of a rotation that costs one temperature are 1 : e against none. The temperature falls
     /// geometrically to 1e-5 of its start, because areas spread over about as many scales. Hotter
-    /// pays with more passes and on uneven scenes. With 0, less or NaN there is only the first climb.
+    /// pays with more passes and on uneven scenes. With 0, less or NaN there is only the first
+    /// climb.
     pub temperature: f64,
     /// Seed of the random numbers: equal seeds give equal trees.
     pub seed: u64,

@@ -82,19 +82,19 @@ impl Builder {
     pub const PER_FRAME: [Self; 6] =
         [Self::Sweep, Self::Binned, Self::BinnedParallel, Self::Lbvh, Self::Hlbvh, Self::Ploc];
 
-    /// The fastest build: [`Lbvh`](Self::Lbvh).
+    /// Returns the fastest build: [`Lbvh`](Self::Lbvh).
     #[must_use]
     pub const fn fast() -> Self {
         Self::Lbvh
     }
 
-    /// A good tree from a fast build, the default: [`Ploc`](Self::Ploc).
+    /// Returns a good tree from a fast build, the default: [`Ploc`](Self::Ploc).
     #[must_use]
     pub const fn balanced() -> Self {
         Self::Ploc
     }
 
-    /// The best tree, for trees that are made once: [`Reinserted`](Self::Reinserted).
+    /// Returns the best tree, for trees that are made once: [`Reinserted`](Self::Reinserted).
     #[must_use]
     pub const fn best() -> Self {
         Self::Reinserted

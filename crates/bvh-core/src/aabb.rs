@@ -30,14 +30,14 @@ impl Aabb {
     /// The empty box, neutral under [`union`](Self::union).
     pub const EMPTY: Self = Self { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
 
-    /// The box between two corners.
+    /// Makes the box between two corners.
     #[must_use]
     pub const fn new(min: Vec3, max: Vec3) -> Self {
         Self { min, max }
     }
 
-    /// The smallest box around `points`, sanitised. It is [`EMPTY`](Self::EMPTY) if there are no
-    /// points or if any point has a NaN or infinite coordinate.
+    /// Makes the smallest box around `points`, sanitised. It is [`EMPTY`](Self::EMPTY) if there are
+    /// no points or if any point has a NaN or infinite coordinate.
     #[must_use]
     #[inline]
     pub fn around(points: &[Vec3]) -> Self {
@@ -49,9 +49,9 @@ impl Aabb {
         }
     }
 
-    /// The box as trees store it: [`EMPTY`](Self::EMPTY) unless it is finite and `min <= max` on
-    /// every axis. Negative zeros become positive, so that minima and maxima have the same bits in
-    /// any order and at any SIMD level.
+    /// Returns the box as trees store it: [`EMPTY`](Self::EMPTY) unless it is finite and `min <=
+    /// max` on every axis. Negative zeros become positive, so that minima and maxima have the same
+    /// bits in any order and at any SIMD level.
     #[must_use]
     #[inline]
     pub fn sanitized(self) -> Self {
@@ -63,28 +63,28 @@ impl Aabb {
         }
     }
 
-    /// Whether no point is inside.
+    /// Returns whether no point is inside.
     #[must_use]
     #[inline]
     pub fn is_empty(&self) -> bool {
         !self.min.cmple(self.max).all()
     }
 
-    /// The smallest box around both.
+    /// Returns the smallest box around both boxes.
     #[must_use]
     #[inline]
     pub fn union(self, other: Self) -> Self {
         Self { min: self.min.min(other.min), max: self.max.max(other.max) }
     }
 
-    /// Extent along each axis; 0 where `min` is above `max`.
+    /// Returns the extent along each axis; 0 where `min` is above `max`.
     #[must_use]
     #[inline]
     pub fn extent(&self) -> Vec3 {
         (self.max - self.min).max(Vec3::ZERO)
     }
 
-    /// Half the surface area, `xy + yz + zx` of the extents; 0 for [`EMPTY`](Self::EMPTY).
+    /// Returns half the surface area, `xy + yz + zx` of the extents; 0 for [`EMPTY`](Self::EMPTY).
     ///
     /// The area is infinite if it exceeds the range of `f32` (extents above about 1e19). It is NaN
     /// if one extent exceeds that range and another is 0. For such boxes use
@@ -98,7 +98,7 @@ impl Aabb {
         (e.x * e.y + e.y * e.z) + e.z * e.x
     }
 
-    /// Half the surface area in double precision; finite for every finite box.
+    /// Returns half the surface area in double precision; finite for every finite box.
     #[must_use]
     #[inline]
     pub fn half_area_f64(&self) -> f64 {
@@ -106,14 +106,14 @@ impl Aabb {
         e.x * e.y + e.y * e.z + e.z * e.x
     }
 
-    /// The centre; each coordinate is finite for every finite box.
+    /// Returns the centre; each coordinate is finite for every finite box.
     #[must_use]
     #[inline]
     pub fn center(&self) -> Vec3 {
         self.min * 0.5 + self.max * 0.5
     }
 
-    /// Whether the boxes share a point (touching counts); false if either is empty.
+    /// Returns whether the boxes share a point (touching counts); false if either is empty.
     ///
     /// A NaN in `other` makes it false, too; a NaN in `self` counts for nothing.
     #[must_use]
@@ -122,31 +122,31 @@ impl Aabb {
         self.min.max(other.min).cmple(self.max.min(other.max)).all()
     }
 
-    /// Whether every point of `other` is inside; true if `other` is empty.
+    /// Returns whether every point of `other` is inside; true if `other` is empty.
     #[must_use]
     #[inline]
     pub fn contains(&self, other: &Self) -> bool {
         other.is_empty() || (self.min.cmple(other.min).all() && other.max.cmple(self.max).all())
     }
 
-    /// The point of the box nearest to `point`: `point` itself if it is inside. Not finite if the
-    /// box is [`EMPTY`](Self::EMPTY).
+    /// Returns the point of the box nearest to `point`: `point` itself if it is inside. Not finite
+    /// if the box is [`EMPTY`](Self::EMPTY).
     #[must_use]
     #[inline]
     pub fn closest_point(&self, point: Vec3) -> Vec3 {
         point.max(self.min).min(self.max)
     }
 
-    /// Squared distance from `point` to the box: 0 inside, infinite from a finite point to
-    /// [`EMPTY`](Self::EMPTY), NaN if `point` has a NaN.
+    /// Returns the squared distance from `point` to the box: 0 inside, infinite from a finite point
+    /// to [`EMPTY`](Self::EMPTY), NaN if `point` has a NaN.
     #[must_use]
     #[inline]
     pub fn distance_squared(&self, point: Vec3) -> f32 {
         point.distance_squared(self.closest_point(point))
     }
 
-    /// The box with each side moved outwards by `margin`, inwards if `margin` is negative: what a
-    /// sphere of that radius must touch to touch the box.
+    /// Returns the box with each side moved outwards by `margin`, inwards if `margin` is negative:
+    /// what a sphere of that radius must touch to touch the box.
     #[must_use]
     #[inline]
     pub fn grown(self, margin: f32) -> Self {

@@ -86,8 +86,8 @@ pub struct Parts<'a> {
     pub state: &'a mut UpdateState,
 }
 
-/// Guards a tree: if a panic drops the guard, the function repairs the tree. Who gets through forgets
-/// the guard.
+/// Guards a tree: if a panic drops the guard, the function repairs the tree. Who gets through
+/// forgets the guard.
 #[doc(hidden)]
 pub struct OnPanic<'a>(pub &'a mut Bvh, pub fn(&mut Bvh));
 
@@ -101,8 +101,8 @@ impl Bvh {
     /// Makes a tree of the given nodes over `order.len()` primitives; see [`Bvh`] for the layout.
     ///
     /// Boxes are [`sanitized`](crate::Aabb::sanitized) and otherwise taken as they are. Heights are
-    /// computed, and so are the dynamic bits of inner nodes. Leaves without primitives, and pairs that
-    /// are in no subtree, become [`Node::NOTHING`]. O(n) time and temporary memory.
+    /// computed, and so are the dynamic bits of inner nodes. Leaves without primitives, and pairs
+    /// that are in no subtree, become [`Node::NOTHING`]. O(n) time and temporary memory.
     ///
     /// # Errors
     /// If the structure is not that of a tree.
@@ -114,14 +114,14 @@ impl Bvh {
         Self { pairs, order, ..Self::default() }.checked()
     }
 
-    /// Replaces the tree by one that `fill` writes into the same memory, given with any content: the
-    /// pairs of nodes, which it leaves at their number, and the order. If `fill` panics, the tree is
-    /// empty afterwards.
+    /// Replaces the tree by one that `fill` writes into the same memory, given with any content:
+    /// the pairs of nodes, which it leaves at their number, and the order. If `fill` panics, the
+    /// tree is empty afterwards.
     ///
     /// # Safety
-    /// Pairs and order must form a tree as [`Bvh`] describes it, without empty leaves but where there
-    /// are no primitives, with right heights and every node dynamic: updates that share the arena
-    /// between threads rely on it.
+    /// Pairs and order must form a tree as [`Bvh`] describes it, without empty leaves but where
+    /// there are no primitives, with right heights and every node dynamic: updates that share the
+    /// arena between threads rely on it.
     #[doc(hidden)]
     #[expect(unsafe_code, reason = "a promise that the compiler cannot check")]
     pub unsafe fn replace_with(&mut self, fill: impl FnOnce(&mut Vec<Pair>, &mut Vec<u32>)) {
@@ -141,7 +141,7 @@ impl Bvh {
         std::mem::forget(guard);
     }
 
-    /// All node slots; see [`Bvh`] for what is where.
+    /// Returns all node slots; see [`Bvh`] for what is where.
     #[must_use]
     #[inline]
     pub fn nodes(&self) -> &[Node] {
@@ -152,7 +152,7 @@ impl Bvh {
         bytemuck::cast_slice_mut(&mut self.pairs)
     }
 
-    /// The parts that an update changes in place.
+    /// Returns the parts that an update changes in place.
     ///
     /// # Safety
     /// When the borrow ends, the structure must be valid as [`Bvh`] says, heights and dynamic bits
@@ -172,63 +172,64 @@ impl Bvh {
         }
     }
 
-    /// The root.
+    /// Returns the root.
     #[must_use]
     #[inline]
     pub fn root(&self) -> &Node {
         &self.pairs[0].0[0]
     }
 
-    /// Left and right child of an inner node of this tree; `None` for a leaf.
+    /// Returns the left and right child of an inner node of this tree; `None` for a leaf.
     #[must_use]
     #[inline]
     pub fn children(&self, node: &Node) -> Option<&[Node; 2]> {
         (!node.is_leaf()).then(|| &self.pairs[node.first() / 2].0)
     }
 
-    /// Numbers of the primitives in a leaf of this tree; empty for an inner node.
+    /// Returns the numbers of the primitives in a leaf of this tree; empty for an inner node.
     #[must_use]
     #[inline]
     pub fn primitives(&self, leaf: &Node) -> &[u32] {
         if leaf.count() > 0 { &self.order[leaf.first()..leaf.first() + leaf.count()] } else { &[] }
     }
 
-    /// For each slot, the number of the primitive in it: a permutation.
+    /// Returns, for each slot, the number of the primitive in it: a permutation.
     #[must_use]
     #[inline]
     pub fn order(&self) -> &[u32] {
         &self.order
     }
 
-    /// Number of primitives.
+    /// Returns the number of primitives.
     #[must_use]
     #[inline]
     pub fn len(&self) -> usize {
         self.order.len()
     }
 
-    /// Whether there are no primitives.
+    /// Returns whether there are no primitives.
     #[must_use]
     #[inline]
     pub fn is_empty(&self) -> bool {
         self.order.is_empty()
     }
 
-    /// Height of the tree: edges from the root to the deepest leaf.
+    /// Returns the height of the tree: edges from the root to the deepest leaf.
     #[must_use]
     #[inline]
     pub fn height(&self) -> u32 {
         self.root().height()
     }
 
-    /// Whether slot `s` holds primitive `s` for every `s`; updates then skip the look-up.
+    /// Returns whether slot `s` holds primitive `s` for every `s`; updates then skip the look-up.
     #[must_use]
     #[inline]
     pub fn is_in_order(&self) -> bool {
         self.in_order
     }
 
-    /// Whether each leaf has one primitive, except for [`Node::NOTHING`]; updates are then faster.
+    /// Returns whether each leaf has one primitive, except for [`Node::NOTHING`]; updates are then
+    /// faster.
     #[must_use]
     #[inline]
     pub fn has_leaves_of_one(&self) -> bool {
@@ -284,13 +285,13 @@ impl Bvh {
         }
     }
 
-    /// What updates keep with the tree.
+    /// Returns what updates keep with the tree.
     #[must_use]
     pub fn update_state(&self) -> &UpdateState {
         &self.update_state
     }
 
-    /// Memory of the nodes and the order, in bytes.
+    /// Returns the memory of the nodes and the order, in bytes.
     #[must_use]
     pub fn memory_usage(&self) -> usize {
         size_of_val(self.nodes()) + size_of_val(self.order())
@@ -319,9 +320,9 @@ impl Bvh {
         }
     }
 
-    /// A number that depends on every bit of the nodes and the order (64-bit FNV-1a over 32-bit
-    /// words, pairs that are not in use included): trees of equal bits have equal fingerprints on
-    /// every machine. O(n).
+    /// Returns a number that depends on every bit of the nodes and the order (64-bit FNV-1a over
+    /// 32-bit words, pairs that are not in use included): trees of equal bits have equal
+    /// fingerprints on every machine. O(n).
     #[must_use]
     pub fn fingerprint(&self) -> u64 {
         let words: &[u32] = bytemuck::cast_slice(&self.pairs);

@@ -9,8 +9,8 @@ impl Bvh {
     /// Sets which primitives are dynamic, that is, may move. At first all are.
     ///
     /// Updates do not visit static subtrees, and their boxes stay as they are. But a rotation may
-    /// exchange a child of a static subtree's root for another node: the root's box then changes, and
-    /// it becomes dynamic if the new child is. A leaf is dynamic if any primitive in it is. The
+    /// exchange a child of a static subtree's root for another node: the root's box then changes,
+    /// and it becomes dynamic if the new child is. A leaf is dynamic if any primitive in it is. The
     /// setting survives the rebuilds of an `Updater` at leaf granularity: a primitive that shares a
     /// leaf with a dynamic one counts as dynamic in the next tree. If `is_dynamic` panics, all
     /// primitives are dynamic. O(n), no allocation.
@@ -86,8 +86,8 @@ impl Bvh {
         dynamic
     }
 
-    /// Whether every primitive is dynamic. That is so until [`set_dynamic`](Self::set_dynamic) makes
-    /// some static.
+    /// Returns whether every primitive is dynamic. That is so until
+    /// [`set_dynamic`](Self::set_dynamic) makes some static.
     #[must_use]
     #[inline]
     pub fn all_dynamic(&self) -> bool {
@@ -109,7 +109,7 @@ impl Bvh {
         true
     }
 
-    /// Sum of [`Node::sah_term`] over all static nodes: their part of the SAH cost.
+    /// Returns the sum of [`Node::sah_term`] over all static nodes: their part of the SAH cost.
     #[doc(hidden)]
     #[must_use]
     pub fn static_area(&self) -> f64 {

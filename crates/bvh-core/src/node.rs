@@ -60,7 +60,7 @@ impl Node {
     /// A leaf without primitives: the root of an empty tree, and what fills unused slots.
     pub const NOTHING: Self = Self { min: Vec3::INFINITY, link: Self::LEAF, max: Vec3::NEG_INFINITY, aux: 0 };
 
-    /// A dynamic leaf over the slots `first .. first + count` of the tree's order.
+    /// Makes a dynamic leaf over the slots `first .. first + count` of the tree's order.
     ///
     /// # Panics
     /// In debug builds, if `first` exceeds 30 bits or `count` exceeds [`MAX_LEAF_SIZE`].
@@ -72,7 +72,7 @@ impl Node {
         Self { min: aabb.min, link, max: aabb.max, aux: count << 8 }
     }
 
-    /// A dynamic inner node over the child nodes `left` and `left + 1`, of height 1.
+    /// Makes a dynamic inner node over the child nodes `left` and `left + 1`, of height 1.
     ///
     /// # Panics
     /// In debug builds, if `left` is odd or exceeds 30 bits.
@@ -83,7 +83,7 @@ impl Node {
         Self { min: aabb.min, link: Self::DYNAMIC | left & Self::INDEX, max: aabb.max, aux: 1 }
     }
 
-    /// The node's box.
+    /// Returns the node's box.
     #[must_use]
     #[inline]
     pub fn aabb(&self) -> Aabb {
@@ -98,14 +98,14 @@ impl Node {
         *self = Self { min: aabb.min, link: self.link, max: aabb.max, aux: self.aux };
     }
 
-    /// Whether this is a leaf.
+    /// Returns whether this is a leaf.
     #[must_use]
     #[inline]
     pub fn is_leaf(&self) -> bool {
         self.link & Self::LEAF != 0
     }
 
-    /// Whether any primitive at or below this node may move; see
+    /// Returns whether any primitive at or below this node may move; see
     /// [`Bvh::set_dynamic`](crate::Bvh::set_dynamic).
     #[must_use]
     #[inline]
@@ -118,23 +118,23 @@ impl Node {
         self.link = self.link & !Self::DYNAMIC | if dynamic { Self::DYNAMIC } else { 0 };
     }
 
-    /// Inner node: number of the left child; the right child follows it. Leaf: first slot in the
-    /// tree's order.
+    /// Returns, of an inner node, the number of the left child, which the right child follows; of a
+    /// leaf, the first slot in the order of primitives.
     #[must_use]
     #[inline]
     pub fn first(&self) -> usize {
         (self.link & Self::INDEX) as usize
     }
 
-    /// Number of primitives of a leaf; 0 for an inner node.
+    /// Returns the number of primitives of a leaf; 0 for an inner node.
     #[must_use]
     #[inline]
     pub fn count(&self) -> usize {
         if self.is_leaf() { (self.aux >> 8) as usize } else { 0 }
     }
 
-    /// The reference area of an inner node: its half area when the node was last built, in a unit
-    /// that the update chooses. 0 until it is set, and for a leaf. Rotations carry it along.
+    /// Returns the reference area of an inner node: its half area when the node was last built, in
+    /// a unit that the update chooses. 0 until it is set, and for a leaf. Rotations carry it along.
     #[must_use]
     #[inline]
     pub fn reference(&self) -> f32 {
@@ -150,23 +150,23 @@ impl Node {
         }
     }
 
-    /// The factor of the node's half area in the SAH cost: [`COST_TRAVERSE`] for an inner node,
-    /// [`COST_INTERSECT`] times the number of primitives for a leaf.
+    /// Returns the factor of the node's half area in the SAH cost: [`COST_TRAVERSE`] for an inner
+    /// node, [`COST_INTERSECT`] times the number of primitives for a leaf.
     #[must_use]
     #[inline]
     pub fn weight(&self) -> f64 {
         if self.is_leaf() { COST_INTERSECT * self.count() as f64 } else { COST_TRAVERSE }
     }
 
-    /// The node's term of the SAH cost before normalisation, [`weight`](Self::weight) times half
-    /// area; see [`sah_cost`](crate::sah_cost).
+    /// Returns the node's term of the SAH cost before normalisation, [`weight`](Self::weight) times
+    /// half area; see [`sah_cost`](crate::sah_cost).
     #[must_use]
     #[inline]
     pub fn sah_term(&self) -> f64 {
         self.aabb().half_area_f64() * self.weight()
     }
 
-    /// The node's part of [`Bvh::static_area`](crate::Bvh::static_area):
+    /// Returns the node's part of [`Bvh::static_area`](crate::Bvh::static_area):
     /// [`sah_term`](Self::sah_term) of a static node, else 0.
     #[doc(hidden)]
     #[must_use]
@@ -175,7 +175,7 @@ impl Node {
         if self.is_dynamic() { 0.0 } else { self.sah_term() }
     }
 
-    /// Number of edges on the longest path down to a leaf.
+    /// Returns the number of edges on the longest path down to a leaf.
     #[must_use]
     #[inline]
     pub fn height(&self) -> u32 {
@@ -201,7 +201,7 @@ impl Node {
         }
     }
 
-    /// The parent of `l` and `r`, which are or will be the child nodes `left` and `left + 1`.
+    /// Makes the parent of `l` and `r`, which are or will be the child nodes `left` and `left + 1`.
     ///
     /// # Panics
     /// As [`inner`](Self::inner).

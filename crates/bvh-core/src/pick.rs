@@ -15,10 +15,10 @@ use crate::{
 /// Finds the first triangle along a ray with `0 <= t <= t_max`; of equally near ones that with the
 /// lowest number.
 ///
-/// `triangles` are the primitives of the tree, by its numbers. If they are fewer than the tree has, the
-/// rest is never hit. `t_max` may be infinite; if it is negative or NaN there is no
-/// hit, nor for a ray that is not valid ([`Ray::is_valid`]). The tree must be up to date with
-/// `triangles`: what has left the boxes since may be missed. O(log n) for scattered triangles.
+/// `triangles` are the primitives of the tree, by its numbers. If they are fewer than the tree has,
+/// the rest is never hit. `t_max` may be infinite; if it is negative or NaN there is no hit, nor
+/// for a ray that is not valid ([`Ray::is_valid`]). The tree must be up to date with `triangles`:
+/// what has left the boxes since may be missed. O(log n) for scattered triangles.
 ///
 /// ```
 /// use bvh_core::{Aabb, Bvh, Node, Ray, TriangleTest, Triangles, Vec3, closest_hit};
@@ -89,8 +89,8 @@ pub fn hit_by<T: Test, const ANY: bool>(
     dispatch!(Level::new(), simd => hit::<_, T, ANY>(simd, bvh, triangles, ray, t_max, visits, |_| true))
 }
 
-/// As [`closest_hit`], by testing every triangle that a tree may hold, [`MAX_PRIMITIVES`] at most:
-/// the oracle for everything else. O(n).
+/// Does what [`closest_hit`] does by testing every triangle that a tree may hold,
+/// [`MAX_PRIMITIVES`] at most: the oracle for everything else. O(n).
 #[must_use]
 pub fn closest_hit_brute(
     triangles: &Triangles<'_>,
@@ -245,7 +245,7 @@ impl<S: Simd> PairRay<S> {
     }
 }
 
-/// The greater; `b` if `a` is NaN.
+/// Returns the greater; `b` if `a` is NaN.
 #[inline(always)]
 pub fn max<S: Simd, V: SimdFloat<S, Element = f32>>(a: V, b: V) -> V {
     // The x86 instruction gives its second operand if either is NaN; that is one instruction in
@@ -253,7 +253,7 @@ pub fn max<S: Simd, V: SimdFloat<S, Element = f32>>(a: V, b: V) -> V {
     if cfg!(target_arch = "x86_64") { a.max(b) } else { a.max_precise(b) }
 }
 
-/// The lesser; `b` if `a` is NaN.
+/// Returns the lesser; `b` if `a` is NaN.
 #[inline(always)]
 pub fn min<S: Simd, V: SimdFloat<S, Element = f32>>(a: V, b: V) -> V {
     if cfg!(target_arch = "x86_64") { a.min(b) } else { a.min_precise(b) }

@@ -10,7 +10,7 @@ pub fn prefetch<T>(slice: &[T], i: usize) {
     prefetch_at(slice.as_ptr(), i);
 }
 
-/// [`prefetch`], for an array that starts at `start`. Any pointer will do.
+/// Does what [`prefetch`] does for an array that starts at `start`. Any pointer will do.
 #[doc(hidden)]
 #[inline]
 pub fn prefetch_at<T>(start: *const T, i: usize) {

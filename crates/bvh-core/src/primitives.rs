@@ -176,8 +176,8 @@ pub struct Triangles<'a> {
 }
 
 impl<'a> Triangles<'a> {
-    /// Triangles from flat arrays: three coordinates a vertex, three vertex numbers a triangle.
-    /// `None` if the length of either is no multiple of three.
+    /// Makes triangles from flat arrays: three coordinates a vertex, three vertex numbers a
+    /// triangle. `None` if the length of either is no multiple of three.
     #[must_use]
     pub fn from_flat(positions: &'a [f32], indices: &'a [u32]) -> Option<Self> {
         let (indices, rest) = indices.as_chunks();

@@ -150,8 +150,9 @@ impl Bvh {
     /// hit. Distances are in multiples of the ray's direction.
     ///
     /// An invalid ray, or a `t_max` that is negative or NaN, meets nothing. Rounding never skips a
-    /// leaf, not even one exactly at `t_max` (but for what [`Ray::enters`] excepts), so a few leaves
-    /// just behind it may be tested. O(log n) for a ray that meets little, O(n) at worst. Allocates nothing.
+    /// leaf, not even one exactly at `t_max` (but for what [`Ray::enters`] excepts), so a few
+    /// leaves just behind it may be tested. O(log n) for a ray that meets little, O(n) at worst.
+    /// Allocates nothing.
     ///
     /// ```
     /// use bvh_core::{Aabb, Bvh, Node, Ray, Vec3};
@@ -234,9 +235,9 @@ impl Bvh {
         (nearest, visits)
     }
 
-    /// Calls `test` with each leaf whose box `enters` below the limit that `test` gave last and each
-    /// primitive in it: near boxes first, and the left one of two equally near. A node waits on the
-    /// stack until its entry exceeds `widen` limits.
+    /// Calls `test` with each leaf whose box `enters` below the limit that `test` gave last and
+    /// each primitive in it: near boxes first, and the left one of two equally near. A node waits
+    /// on the stack until its entry exceeds `widen` limits.
     #[inline]
     fn walk_nearest_first(
         &self,

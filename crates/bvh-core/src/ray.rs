@@ -21,9 +21,9 @@ impl Ray {
     /// four in each of two axes; 15 u in all with the rounding of this product itself.
     pub const WIDEN: f32 = 1.0 + 1.0 / (1 << 20) as f32;
 
-    /// A ray from `origin` along `direction`, which need not have unit length: distances along the
-    /// ray are in multiples of its length. A ray with a NaN or infinite component, or of zero
-    /// direction, hits nothing.
+    /// Makes a ray from `origin` along `direction`, which need not have unit length: distances
+    /// along the ray are in multiples of its length. A ray with a NaN or infinite component, or of
+    /// zero direction, hits nothing.
     #[must_use]
     #[inline]
     pub fn new(origin: Vec3, direction: Vec3) -> Self {
@@ -32,43 +32,43 @@ impl Ray {
         Self { origin, direction, inverse: direction.recip() }
     }
 
-    /// Where it starts; NaN for a ray that hits nothing.
+    /// Returns where the ray starts; NaN for a ray that hits nothing.
     #[must_use]
     #[inline]
     pub fn origin(&self) -> Vec3 {
         self.origin
     }
 
-    /// Where it goes.
+    /// Returns the direction as given.
     #[must_use]
     #[inline]
     pub fn direction(&self) -> Vec3 {
         self.direction
     }
 
-    /// One over each component of the direction; infinite, with the component's sign, where it is
-    /// zero or less than 2.9e-39 in magnitude.
+    /// Returns one over each component of the direction; infinite, with the component's sign, where
+    /// it is zero or less than 2.9e-39 in magnitude.
     #[must_use]
     #[inline]
     pub fn inverse(&self) -> Vec3 {
         self.inverse
     }
 
-    /// Whether the ray can hit anything at all.
+    /// Returns whether the ray can hit anything at all.
     #[must_use]
     #[inline]
     pub fn is_valid(&self) -> bool {
         !self.origin.is_nan()
     }
 
-    /// The distance at which the ray enters `aabb` between 0 and `t_max`, or `None`: always so for
-    /// [`Aabb::EMPTY`], an invalid ray, and a `t_max` that is negative or NaN.
+    /// Returns the distance at which the ray enters `aabb` between 0 and `t_max`, or `None`: always
+    /// so for [`Aabb::EMPTY`], an invalid ray, and a `t_max` that is negative or NaN.
     ///
     /// Conservative by [`WIDEN`](Self::WIDEN): rounding never turns a hit into a miss, not even one
-    /// at `t_max`. The exceptions lie at the ends of the range of `f32`. A component of the direction
-    /// that is not zero, but less than 2.9e-39 in magnitude, counts as zero, since one over it is
-    /// infinite. A box may be missed at a distance below 1.2e-38, or if it is so far from the origin
-    /// that the difference is infinite.
+    /// at `t_max`. The exceptions lie at the ends of the range of `f32`. A component of the
+    /// direction that is not zero, but less than 2.9e-39 in magnitude, counts as zero, since one
+    /// over it is infinite. A box may be missed at a distance below 1.2e-38, or if it is so far
+    /// from the origin that the difference is infinite.
     #[must_use]
     #[inline]
     pub fn enters(&self, aabb: &Aabb, t_max: f32) -> Option<f32> {

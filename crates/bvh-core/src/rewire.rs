@@ -89,7 +89,7 @@ impl Bvh {
         Ok(slots)
     }
 
-    /// The last step of a path from the root.
+    /// Returns the last step of a path from the root.
     ///
     /// # Errors
     /// If the path does not lead from the root downwards.

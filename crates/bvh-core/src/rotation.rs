@@ -54,7 +54,7 @@ impl Rotation {
     pub const ALL: [Self; 6] =
         [Self::LForRl, Self::LForRr, Self::RForLl, Self::RForLr, Self::LlForRl, Self::LlForRr];
 
-    /// The two places that change nodes.
+    /// Returns the two places that change nodes.
     #[doc(hidden)]
     #[must_use]
     #[inline]
@@ -63,7 +63,7 @@ impl Rotation {
         PLACES[self as usize]
     }
 
-    /// The children of N that get a new child: one of them twice if the other gets none.
+    /// Returns the children of N that get a new child: one of them twice if the other gets none.
     #[doc(hidden)]
     #[must_use]
     #[inline]
@@ -79,8 +79,8 @@ impl Rotation {
 /// `l` and `r` are the boxes of N's children. `below_l` and `below_r` are those of the
 /// grandchildren, `None` below a leaf. An area beyond the range of `f32` makes a change infinite or
 /// NaN; such a change is below zero only where the rotation is certain to gain, or where an extent
-/// is beyond that range as well. Areas below 1e-38 have few digits in `f32`; where all are, a change
-/// may have the wrong sign.
+/// is beyond that range as well. Areas below 1e-38 have few digits in `f32`; where all are, a
+/// change may have the wrong sign.
 ///
 /// ```
 /// use bvh_core::rotation::{Rotation, area_changes, best};

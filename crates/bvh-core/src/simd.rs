@@ -14,18 +14,18 @@ pub enum SimdLevel {
 crate::named!(SimdLevel, "SIMD level", Baseline = "baseline", Avx2 = "avx2", Avx512 = "avx512");
 
 impl SimdLevel {
-    /// Whether this machine has it.
+    /// Returns whether this machine has the level.
     #[must_use]
     pub fn is_available(self) -> bool {
         self <= Self::best()
     }
 
-    /// The levels of this machine, lowest first.
+    /// Returns the levels of this machine, lowest first.
     pub fn available() -> impl Iterator<Item = Self> {
         Self::ALL.into_iter().filter(|level| level.is_available())
     }
 
-    /// The highest level of this machine.
+    /// Returns the highest level of this machine.
     #[must_use]
     pub fn best() -> Self {
         #[cfg(target_arch = "x86_64")]

@@ -3,20 +3,20 @@
 
 use crate::{Aabb, Ray};
 
-/// The greater; `b` if either is NaN.
+/// Returns the greater; `b` if either is NaN.
 #[inline]
 pub fn max(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
-/// The lesser; `b` if either is NaN.
+/// Returns the lesser; `b` if either is NaN.
 #[inline]
 pub fn min(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
-/// Where a valid ray enters a box between 0 and `t_max`, never -0; `None` if it does not. It leaves
-/// the box `widen` times as late as computed: [`Ray::WIDEN`] makes up for rounding.
+/// Returns where a valid ray enters a box between 0 and `t_max`, never -0; `None` if it does not.
+/// It leaves the box `widen` times as late as computed: [`Ray::WIDEN`] makes up for rounding.
 ///
 /// A ray in the plane of a side has 0 * inf = NaN there; `max` and `min` then ignore just that
 /// side.

@@ -40,7 +40,7 @@ pub trait Test {
     fn test(&self, corners: &[Vec3; 3]) -> Option<Found>;
 }
 
-/// A hit as the crate defines it, of the triangle numbered `primitive`.
+/// Returns a hit as the crate defines it, of the triangle numbered `primitive`.
 #[inline(always)]
 pub fn intersect<T: Test>(
     ray: &Ray,
@@ -110,8 +110,8 @@ pub struct Watertight {
 }
 
 impl Watertight {
-    /// The test where single precision cannot tell: projected corners, and their distances along
-    /// the axis, to be multiplied by `unit`.
+    /// Tests where single precision cannot tell: projected corners, and their distances along the
+    /// axis, to be multiplied by `unit`.
     ///
     /// Products of two single precision numbers are exact in double precision, so signs of edges
     /// are.

@@ -57,7 +57,7 @@ impl System {
     /// All systems.
     pub const ALL: [Self; 4] = [Self::Restructure, Self::Divergent, Self::Decomposition, Self::TSah];
 
-    /// Name as the command line and results have it.
+    /// Returns the name as the command line and results have it.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -68,7 +68,7 @@ impl System {
         }
     }
 
-    /// Whether it has to know the animation in advance.
+    /// Returns whether the system has to know the animation in advance.
     #[must_use]
     pub const fn knows_animation(self) -> bool {
         matches!(self, Self::Decomposition | Self::TSah)
@@ -124,7 +124,8 @@ impl Keeper {
     }
 
     /// Brings `bvh` up to date with triangles that have moved: refits it, then does what the system
-    /// does. It has to be the tree that this was made with: another one may only be refitted. Refits and builds run in the current rayon pool, all else on one thread. The tree that
+    /// does. It has to be the tree that this was made with: another one may only be refitted.
+    /// Refits and builds run in the current rayon pool, all else on one thread. The tree that
     /// results does not depend on the number of threads.
     ///
     /// # Errors

@@ -1,10 +1,10 @@
 //! Keeps a bounding volume hierarchy good while its primitives move.
 //!
 //! The centre of this crate is one pass over the tree that *refits* every box to the primitives'
-//! new positions and *rotates* at every node on the way up (Kopta, Kensler, Ize, Spjut,
-//! Brunvand, Davis: *Fast, Effective BVH Updates for Dynamic Ray-Traced Scenes Using Tree Rotations*,
-//! 2012). Around it stand the updates that it is measured against, and those that repair what
-//! rotations do not reach.
+//! new positions and *rotates* at every node on the way up (Kopta, Kensler, Ize, Spjut, Brunvand,
+//! Davis: *Fast, Effective BVH Updates for Dynamic Ray-Traced Scenes Using Tree Rotations*, 2012).
+//! Around it stand the updates that it is measured against, and those that repair what rotations do
+//! not reach.
 //!
 //! An [`Updater`] does in each frame what its [`Strategy`] says:
 //!

@@ -22,8 +22,8 @@ pub struct Update {
     /// SAH cost of the tree as it is now, where the strategy needs it or
     /// [`Updater::report_cost`](crate::Updater::report_cost) asks for it:
     /// [`sah_cost`](bvh_core::sah_cost), but from `f32` areas unless some may leave the range of
-    /// `f32`. After rotations that remove most of the cost in one update it is up to 1 % too high or
-    /// too low, since changes are added to the cost before. `None` after a rebuild or a partial
+    /// `f32`. After rotations that remove most of the cost in one update it is up to 1 % too high
+    /// or too low, since changes are added to the cost before. `None` after a rebuild or a partial
     /// rebuild; a tree from the background is refitted, so it has one.
     pub sah_cost: Option<f64>,
     /// Height of the tree as it is now.
@@ -61,13 +61,14 @@ pub enum Decision {
         /// The builder used.
         builder: Builder,
     },
-    /// A new tree was built, and costs less by 2 % at most: the old one stays, refitted and rotated.
+    /// A new tree was built, and costs less by 2 % at most: the old one stays, refitted and
+    /// rotated.
     Kept {
         /// The builder used.
         builder: Builder,
     },
-    /// A repair was due, but not made: no subtree was worth opening, the new top cost no less, or it
-    /// would have stood above too many subtrees or made the tree too high. The old tree stays:
+    /// A repair was due, but not made: no subtree was worth opening, the new top cost no less, or
+    /// it would have stood above too many subtrees or made the tree too high. The old tree stays:
     /// refitted, and rotated if the strategy rotates.
     Unrepaired,
     /// A tree from the background took the place of this one.
@@ -75,19 +76,20 @@ pub enum Decision {
 }
 
 /// What [`Auto`](crate::Auto) compared. Once `lost_ms` exceeds `price_ms`, it tries a new top. If a
-/// new top was too large before, it tries a new tree instead. If no subtree is worth opening, or the
-/// new top costs no less, the old tree stays ([`Unrepaired`](Decision::Unrepaired)), unless a new
-/// tree is due as well. Where the baseline of a tree says nothing, a new tree is tried in any case.
-/// The old tree may stay then, too ([`Kept`](Decision::Kept)).
+/// new top was too large before, it tries a new tree instead. If no subtree is worth opening, or
+/// the new top costs no less, the old tree stays ([`Unrepaired`](Decision::Unrepaired)), unless a
+/// new tree is due as well. Where the baseline of a tree says nothing, a new tree is tried in any
+/// case. The old tree may stay then, too ([`Kept`](Decision::Kept)).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct Reason {
     /// Milliseconds of one core that queries have lost to the excess cost of the tree since it was
-    /// last repaired, built or [kept](Decision::Kept); a repair that found no better
-    /// top also begins the count anew. Where a fast build is to be replaced, what queries lose to it is
+    /// last repaired, built or [kept](Decision::Kept); a repair that found no better top also
+    /// begins the count anew. Where a fast build is to be replaced, what queries lose to it is
     /// included.
     pub lost_ms: f64,
-    /// Milliseconds of one core that the repair or the rebuild takes, doubled after one that failed.
+    /// Milliseconds of one core that the repair or the rebuild takes, doubled after one that
+    /// failed.
     pub price_ms: f64,
     /// How far the SAH cost is above that of the tree when it was good: 1 for twice the cost, and
     /// more where a few large leaves hold most of the cost, which rays meet seldom.

@@ -1,9 +1,10 @@
 //! When to pay once for what costs a little in every frame.
 //!
-//! The rule of the ski rental problem: rent until the rent paid has reached the price, then buy.
-//! In the textbook problem that costs at most twice as much as the best decision in hindsight. Here
-//! it is a heuristic, since what is bought does not last. Where buying brought nothing, the next purchase waits until twice as much has been lost, never longer:
-//! after a long calm full of failures a burst has to be seen soon (`docs/ABLATION.md`, at
+//! The rule of the ski rental problem: rent until the rent paid has reached the price, then buy. In
+//! the textbook problem that costs at most twice as much as the best decision in hindsight. Here it
+//! is a heuristic, since what is bought does not last. Where buying brought nothing, the next
+//! purchase waits until twice as much has been lost, never longer: after a long calm full of
+//! failures a burst has to be seen soon (`docs/ABLATION.md`, at
 //! `a_burst_after_a_long_calm_is_seen_soon`).
 
 use bytemuck::{Pod, Zeroable};

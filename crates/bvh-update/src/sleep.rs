@@ -44,9 +44,9 @@ impl SleepDelay {
     /// Marks primitives before an update; `moves` says which have moved since the last one. Gives
     /// the number of dynamic ones.
     ///
-    /// O(n). Calls [`Bvh::set_dynamic`] if some primitive falls asleep or wakes. While some sleep, it
-    /// also does so if the tree was marked another number of times than when this marked it last:
-    /// others have marked it, or an [`Updater`](crate::Updater) has rebuilt it.
+    /// O(n). Calls [`Bvh::set_dynamic`] if some primitive falls asleep or wakes. While some sleep,
+    /// it also does so if the tree was marked another number of times than when this marked it
+    /// last: others have marked it, or an [`Updater`](crate::Updater) has rebuilt it.
     ///
     /// Take a new `SleepDelay` for another tree, which may have been marked as often, and after
     /// [`Bvh::reorder_primitives`], since primitives then have other numbers: what has just stopped

@@ -126,8 +126,8 @@ impl State {
         }
     }
 
-    /// Counts a new tree as marked once more than the one before, so that `SleepDelay` learns of it,
-    /// while updates have nothing to learn.
+    /// Counts a new tree as marked once more than the one before, so that `SleepDelay` learns of
+    /// it, while updates have nothing to learn.
     pub(crate) fn count_rebuild(state: &mut UpdateState, marked_before: u32) {
         state.changes.dynamic = marked_before.wrapping_add(1);
         Self::of_mut(state).seen.dynamic = state.changes.dynamic;

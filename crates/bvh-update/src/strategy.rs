@@ -43,9 +43,9 @@ pub enum Strategy {
     /// takes. Where the system has no thread to give, as on `wasm32-unknown-unknown`, none is
     /// built, and the tree is only updated.
     Background(Background),
-    /// Refit and rotate, and then keep the tree, build a new top, or build a new tree: what costs the
-    /// least time for the [reported](crate::Updater::report) load. Where trees are bad again at once,
-    /// build a new one without the pass.
+    /// Refit and rotate, and then keep the tree, build a new top, or build a new tree: what costs
+    /// the least time for the [reported](crate::Updater::report) load. Where trees are bad again at
+    /// once, build a new one without the pass.
     Auto(Auto),
 }
 
@@ -72,7 +72,7 @@ impl Default for Reinsertion {
 }
 
 impl Strategy {
-    /// All strategies, with their defaults.
+    /// Returns all strategies, with their defaults.
     #[must_use]
     pub fn all() -> Vec<Self> {
         let rotate = Some(Rotate::default());
@@ -93,8 +93,8 @@ impl Strategy {
         all
     }
 
-    /// Name as the command line and results have it. Only those of [`all`](Self::all) can be
-    /// parsed, and stand for default settings.
+    /// Returns the name as the command line and results have it. Only those of [`all`](Self::all)
+    /// can be parsed, and stand for default settings.
     #[must_use]
     pub const fn name(&self) -> &'static str {
         match self {

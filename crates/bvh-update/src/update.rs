@@ -53,14 +53,14 @@ impl Updater {
     /// for all trees that it updates, until it ends. More, if primitives start tasks of their own.
     pub const THREAD_MEMORY: usize = refit::THREAD_MEMORY;
 
-    /// An updater that uses the best SIMD level of this machine.
+    /// Makes an updater that uses the best SIMD level of this machine.
     #[must_use]
     pub fn new(strategy: Strategy) -> Self {
         Self::with_level(strategy, SimdLevel::best())
     }
 
-    /// An updater that uses `level`, or the best below it that the machine has. Every level leaves
-    /// the same tree.
+    /// Makes an updater that uses `level`, or the best below it that the machine has. Every level
+    /// leaves the same tree.
     #[must_use]
     pub fn with_level(strategy: Strategy, level: SimdLevel) -> Self {
         let passes = PassOptions::with_level(level);
@@ -75,8 +75,8 @@ impl Updater {
     }
 
     /// Reports what is asked of the tree between two updates, for [`Strategy::Auto`]. It holds for
-    /// every update until the next report, in the place of [`Auto::load`], which is two million rays
-    /// in packets unless set otherwise. `None` takes earlier reports back.
+    /// every update until the next report, in the place of [`Auto::load`], which is two million
+    /// rays in packets unless set otherwise. `None` takes earlier reports back.
     pub fn report(&mut self, load: impl Into<Option<Load>>) {
         self.load = load.into();
     }
@@ -95,12 +95,13 @@ impl Updater {
         self.workspace.passes.costs.get_or_insert_default();
     }
 
-    /// What the blocks of all passes since the last call took.
+    /// Returns what the blocks of all passes since the last call took.
     pub fn take_costs(&mut self) -> Vec<BlockCost> {
         self.workspace.passes.costs.as_mut().map(Costs::take).unwrap_or_default()
     }
 
-    /// What the last tree that was built in the background cost; `None` before there was one.
+    /// Returns what the last tree that was built in the background cost; `None` before there was
+    /// one.
     #[must_use]
     pub fn background_cost(&self) -> Option<BackgroundCost> {
         self.workspace.background.cost
@@ -110,10 +111,10 @@ impl Updater {
     ///
     /// Primitives without finite coordinates are dropped from all boxes, counted in
     /// [`Update::dropped`], and return in the first update that finds them finite. After an update
-    /// every box is tight, wherever the primitives went: onto one point, far from the origin, beyond the
-    /// range of `f32` areas. A rotation is applied only if it lowers the area, strictly, in the arithmetic of
-    /// [`area_changes`](bvh_core::rotation::area_changes), and leaves
-    /// the tree no higher than [`MAX_HEIGHT`](bvh_core::MAX_HEIGHT).
+    /// every box is tight, wherever the primitives went: onto one point, far from the origin,
+    /// beyond the range of `f32` areas. A rotation is applied only if it lowers the area, strictly,
+    /// in the arithmetic of [`area_changes`](bvh_core::rotation::area_changes), and leaves the tree
+    /// no higher than [`MAX_HEIGHT`](bvh_core::MAX_HEIGHT).
     ///
     /// Runs in the current rayon pool. The tree that results is the same, bit for bit, for every
     /// number of threads and every SIMD level; only [`Strategy::Background`] depends on time.

@@ -11,9 +11,9 @@
 //! | say what is asked of the tree, so that `Auto` repairs it when that pays | [`Updater::report`] |
 //! | skip what stands still | [`Bvh::set_dynamic`], [`SleepDelay`] |
 //!
-//! Work runs on the rayon pool that calls. Trees do not depend on the number of threads, unless they
-//! are built in the background. Primitives that are not finite are never hit, and come back once they
-//! are. With another number of primitives `Auto` and rebuilds make a new tree.
+//! Work runs on the rayon pool that calls. Trees do not depend on the number of threads, unless
+//! they are built in the background. Primitives that are not finite are never hit, and come back
+//! once they are. With another number of primitives `Auto` and rebuilds make a new tree.
 #![forbid(unsafe_code)]
 
 pub use bvh_build::*;

@@ -103,8 +103,8 @@ impl Node8 {
 }
 
 impl Bvh8 {
-    /// A view of nothing, whose rays use the instructions of `level`, or the best that the machine
-    /// has if that is less. Every level finds the same hits.
+    /// Makes a view of nothing, whose rays use the instructions of `level`, or the best that the
+    /// machine has if that is less. Every level finds the same hits.
     #[must_use]
     pub fn with_level(level: SimdLevel) -> Self {
         let (nodes, blocks, plans) = Default::default();
@@ -121,13 +121,13 @@ impl Bvh8 {
         collapse(bvh, triangles, &mut self.plans, &mut self.nodes, &mut self.blocks);
     }
 
-    /// As [`closest_hit`](crate::closest_hit) on the tree that this is a view of.
+    /// Does what [`closest_hit`](crate::closest_hit) does on the tree that this is a view of.
     #[must_use]
     pub fn closest_hit(&self, ray: &Ray, t_max: f32, test: TriangleTest) -> Option<Hit> {
         self.hit::<false>(ray, t_max, test)
     }
 
-    /// As [`any_hit`](crate::any_hit) on the tree that this is a view of.
+    /// Does what [`any_hit`](crate::any_hit) does on the tree that this is a view of.
     #[must_use]
     pub fn any_hit(&self, ray: &Ray, t_max: f32, test: TriangleTest) -> bool {
         self.hit::<true>(ray, t_max, test).is_some()
@@ -139,8 +139,8 @@ impl Bvh8 {
         }))
     }
 
-    /// [`closest_hit`](Self::closest_hit) of many rays, in the current rayon pool: `hits[i]` is
-    /// that of `rays[i]`, with `0 <= t <= t_max[i]`.
+    /// Finds the [`closest_hit`](Self::closest_hit) of many rays in the current rayon pool:
+    /// `hits[i]` is that of `rays[i]`, with `0 <= t <= t_max[i]`.
     ///
     /// # Panics
     /// If the slices differ in length.

@@ -9,8 +9,8 @@ use crate::simd::load;
 /// A pinhole camera over an image of `width` by `height` pixels.
 ///
 /// The ray through the centre of pixel `x`, `y`, counted from the top left, goes from `eye` along
-/// `corner + right (x + 0.5) + down (y + 0.5)`. All these directions must be of lengths between 1e-18
-/// and 1e18; pictures through others are not defined.
+/// `corner + right (x + 0.5) + down (y + 0.5)`. All these directions must be of lengths between
+/// 1e-18 and 1e18; pictures through others are not defined.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     /// Where it stands.
@@ -34,9 +34,9 @@ fn direction(v: Vec3) -> Option<Vec3> {
 }
 
 impl Camera {
-    /// A camera at `eye` that has `target` in the middle of its image and sees `fov_y` radians from
-    /// the lower to the upper edge, between 0 and pi. The part of `up` across the view points up in
-    /// the image; coordinates are right-handed.
+    /// Makes a camera at `eye` that has `target` in the middle of its image and sees `fov_y`
+    /// radians from the lower to the upper edge, between 0 and pi. The part of `up` across the view
+    /// points up in the image; coordinates are right-handed.
     ///
     /// Looks along -z if `target` is `eye`, and takes another vector if `up` is parallel to the
     /// view. With NaN or infinite input its rays hit nothing.
@@ -55,7 +55,7 @@ impl Camera {
         Self { eye, corner, right, down, width, height }
     }
 
-    /// The ray through the centre of pixel `x`, `y`, counted from the top left. With
+    /// Returns the ray through the centre of pixel `x`, `y`, counted from the top left. With
     /// [`look_at`](Self::look_at) its direction has length 1 along the middle of the view, so that
     /// `t` is depth.
     #[must_use]

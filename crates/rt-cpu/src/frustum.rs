@@ -10,10 +10,10 @@
 //!
 //! `Frustum` and `Frame` test all of this, `Sides` the second line alone.
 //!
-//! Comparisons along x and y are widened by `SLACK`, far more than the rounding of any ray's own box
-//! test, relative to the numbers compared. Those along z need no slack: each ray computes the same
-//! differences times a reciprocal that is no less, and rounding is monotonic. So no ray enters a box
-//! that is missed.
+//! Comparisons along x and y are widened by `SLACK`, far more than the rounding of any ray's own
+//! box test, relative to the numbers compared. Those along z need no slack: each ray computes the
+//! same differences times a reciprocal that is no less, and rounding is monotonic. So no ray enters
+//! a box that is missed.
 
 use bvh_core::{Aabb, Node, Vec3, slab};
 use bytemuck::Zeroable;
@@ -37,7 +37,8 @@ pub(crate) struct Frame {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Frustum(pub(crate) [[f32; 2]; 2]);
 
-/// A box in a [`Frame`], relative to its origin: least and greatest x, y and z, the first two widened.
+/// A box in a [`Frame`], relative to its origin: least and greatest x, y and z, the first two
+/// widened.
 pub(crate) type Outline<V> = [[V; 2]; 3];
 
 const SLACK: f32 = 1.0 / (1 << 17) as f32;
@@ -119,9 +120,9 @@ impl Frustum {
 }
 
 /// The sides of a [`Frustum`] as linear forms of the words of two siblings: a box is missed if for
-/// any of its words `scale * word + slopes[0] * near + slopes[1] * far` exceeds the slack. `near` and
-/// `far` are where it begins and ends along z; all is relative to the origin. Zeroed they are unknown
-/// and miss nothing.
+/// any of its words `scale * word + slopes[0] * near + slopes[1] * far` exceeds the slack. `near`
+/// and `far` are where it begins and ends along z; all is relative to the origin. Zeroed they are
+/// unknown and miss nothing.
 ///
 /// For words that bound nothing along x or y the origin is NaN, and so is the sum, which exceeds
 /// nothing.
@@ -203,7 +204,8 @@ mod tests {
         met != 0
     }
 
-    /// Whether a box is met, as the left and as the right of two siblings. Links are odd as numbers.
+    /// Whether a box is met, as the left and as the right of two siblings. Links are odd as
+    /// numbers.
     fn sides_meet<S: Simd>(simd: S, sides: &Sides, aabb: Aabb, surely_met: Aabb) -> bool {
         let meet = |siblings: [Aabb; 2]| {
             let mut words: [f32; 16] = bytemuck::cast(siblings.map(|aabb| Node::leaf(aabb, 0, 1)));

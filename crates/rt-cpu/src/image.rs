@@ -1,5 +1,6 @@
-//! Images in memory, and their encodings as PNG (sRGB) and EXR (linear). The caller writes the files:
-//! one that appears whole or not at all needs `tempfile`, which no renderer should have to depend on.
+//! Images in memory, and their encodings as PNG (sRGB) and EXR (linear). The caller writes the
+//! files: one that appears whole or not at all needs `tempfile`, which no renderer should have to
+//! depend on.
 
 use std::io::Cursor;
 
@@ -19,7 +20,7 @@ pub struct Image {
 pub struct ImageError(#[from] image::ImageError);
 
 impl Image {
-    /// A black image.
+    /// Makes a black image.
     ///
     /// # Panics
     /// If its pixels, of 12 bytes each, take more bytes than `isize` can count.
@@ -40,13 +41,13 @@ impl Image {
         self.height
     }
 
-    /// All pixels.
+    /// Returns all pixels.
     #[must_use]
     pub fn pixels(&self) -> &[[f32; 3]] {
         &self.pixels
     }
 
-    /// All pixels, to be written.
+    /// Returns all pixels, to be written.
     pub fn pixels_mut(&mut self) -> &mut [[f32; 3]] {
         &mut self.pixels
     }

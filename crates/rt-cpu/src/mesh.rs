@@ -45,7 +45,7 @@ pub struct Mesh<'a> {
 }
 
 impl<'a> Mesh<'a> {
-    /// Triangles of the default material, flat.
+    /// Makes a mesh of the default material, flat.
     #[must_use]
     pub fn new(triangles: Triangles<'a>) -> Self {
         Self { triangles, normals: None, texcoords: &[], textures: &[], materials: &[], material_of: &[] }

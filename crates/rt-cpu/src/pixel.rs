@@ -18,7 +18,7 @@ const LIT: u32 = 1 << 31;
 const NOTHING: u32 = LIT - 1;
 
 impl Pixel {
-    /// A pixel with this hit, lit or not.
+    /// Makes a pixel with this hit, lit or not.
     #[must_use]
     #[inline]
     pub fn new(hit: Option<Hit>, is_lit: bool) -> Self {
@@ -26,21 +26,23 @@ impl Pixel {
         Self::packed([t, u, v], Self::word(primitive, is_lit))
     }
 
-    /// A triangle's number, or any number beyond those for nothing, and whether light arrives.
+    /// Returns a triangle's number, or any number beyond those for nothing, and whether light
+    /// arrives.
     #[must_use]
     #[inline(always)]
     pub fn word(primitive: u32, is_lit: bool) -> f32 {
         f32::from_bits(primitive & NOTHING | u32::from(is_lit) << 31)
     }
 
-    /// A pixel of what it is packed from: `t`, `u` and `v` of a hit, and a [`word`](Self::word).
+    /// Returns a pixel of what it is packed from: `t`, `u` and `v` of a hit, and a
+    /// [`word`](Self::word).
     #[must_use]
     #[inline(always)]
     pub fn packed([t, u, v]: [f32; 3], word: f32) -> Self {
         Self { t, u, v, primitive: word.to_bits() }
     }
 
-    /// What the ray through the pixel's centre hits.
+    /// Returns what the ray through the pixel's centre hits.
     #[must_use]
     #[inline]
     pub fn hit(&self) -> Option<Hit> {
@@ -48,8 +50,8 @@ impl Pixel {
         (primitive != NOTHING).then_some(Hit { t: self.t, u: self.u, v: self.v, primitive })
     }
 
-    /// Whether light arrives there: false where nothing is hit, in shadow, and on surfaces that
-    /// face away. True for every hit if there is no light or shadows are off.
+    /// Returns whether light arrives there: false where nothing is hit, in shadow, and on surfaces
+    /// that face away. True for every hit if there is no light or shadows are off.
     #[must_use]
     #[inline]
     pub fn is_lit(&self) -> bool {

@@ -53,9 +53,9 @@ fn mix(z: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// Number `n`, from 0 to less than 1, of a sequence that looks random; each `seed` has another.
-/// These are the upper bits of SplitMix64 (Steele, Lea, Flood, *Fast Splittable Pseudorandom Number
-/// Generators*, 2014), a hash of a counter.
+/// Returns number `n`, from 0 to less than 1, of a sequence that looks random; each `seed` has
+/// another. These are the upper bits of SplitMix64 (Steele, Lea, Flood, *Fast Splittable
+/// Pseudorandom Number Generators*, 2014), a hash of a counter.
 #[must_use]
 pub fn uniform(seed: u64, n: u64) -> f32 {
     fraction(splitmix(seed, n))

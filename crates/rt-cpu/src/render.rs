@@ -35,7 +35,7 @@ pub fn render(
     render_with(bvh, None, mesh, camera, light, options, image)
 }
 
-/// [`render`], with a view of the same tree and the same triangles, if there is one already.
+/// Renders as [`render`] does, with a view of the same tree and triangles if there is one already.
 /// Only ambient occlusion and diffuse bounces use the view.
 ///
 /// For more than one image of a frame, samples to be averaged for instance: `render` would make a

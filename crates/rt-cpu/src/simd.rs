@@ -27,8 +27,8 @@ pub(crate) fn detected(level: SimdLevel) -> Level {
     lower.unwrap_or(best)
 }
 
-/// Runs `$body` with the instructions of `$simd`. Without `inline(always)` the closure is compiled on
-/// its own, without them.
+/// Runs `$body` with the instructions of `$simd`. Without `inline(always)` the closure is compiled
+/// on its own, without them.
 macro_rules! vectorize {
     ($simd:expr, $body:expr) => {
         fearless_simd::Simd::vectorize(

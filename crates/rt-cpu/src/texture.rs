@@ -44,8 +44,9 @@ pub struct Texture {
 }
 
 impl Texture {
-    /// Linear red, green and blue, and opacity, each 0 to 1, at a point: (0, 0) is the upper left
-    /// corner of the image, (1, 1) the lower right one. Coordinates that are not finite count as 0.
+    /// Returns linear red, green and blue, and opacity, each 0 to 1, at a point: (0, 0) is the
+    /// upper left corner of the image, (1, 1) the lower right one. Coordinates that are not finite
+    /// count as 0.
     #[must_use]
     pub fn sample(&self, at: Vec2) -> [f32; 4] {
         let (width, height) = (self.width as usize, self.height as usize);

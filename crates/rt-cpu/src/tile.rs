@@ -11,14 +11,15 @@
 //!                  from the fifth node on only if the packet's frustum meets the child
 //! ```
 //!
-//! Departures from Wald, Boulos and Shirley 2007: masks in place of first active rays; the cut, which
-//! shares the top of the tree among 16 packets (in the spirit of Reshetov, Soupikov and Hurley,
-//! *Multi-Level Ray Tracing Algorithm*, 2005); frusta of slopes in place of interval arithmetic on
-//! reciprocals, so that rays may go both ways along two axes; groups, so that rays which have drifted
-//! apart cost what they would in small packets.
+//! Departures from Wald, Boulos and Shirley 2007: masks in place of first active rays; the cut,
+//! which shares the top of the tree among 16 packets (in the spirit of Reshetov, Soupikov and
+//! Hurley, *Multi-Level Ray Tracing Algorithm*, 2005); frusta of slopes in place of interval
+//! arithmetic on reciprocals, so that rays may go both ways along two axes; groups, so that rays
+//! which have drifted apart cost what they would in small packets.
 //!
-//! Below the cut a packet tests its frustum from its fifth node of a subtree on: few packets get that
-//! far in good trees, where testing it at every node costs time (`docs/BENCHMARKS.md`, bad trees).
+//! Below the cut a packet tests its frustum from its fifth node of a subtree on: few packets get
+//! that far in good trees, where testing it at every node costs time (`docs/BENCHMARKS.md`, bad
+//! trees).
 
 mod cut;
 mod leaf;

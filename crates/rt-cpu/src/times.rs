@@ -29,7 +29,7 @@ pub struct StageTimes {
 }
 
 impl StageTimes {
-    /// The sum.
+    /// Returns the sum of all times.
     #[must_use]
     pub fn total(&self) -> Duration {
         let Self { primary, alpha, textures, shadow, mirror, ambient_occlusion, diffuse_bounces } = *self;

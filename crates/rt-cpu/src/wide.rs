@@ -129,9 +129,9 @@ pub(crate) struct Found<V> {
 
 /// A triangle test in lanes, with the bits of [`Test::test`].
 pub(crate) trait WideTest: Test {
-    /// The axes in whose order [`wide`](Self::wide) takes coordinates of corners. Where a test sorts
-    /// them by octant, this happens while they are loaded: vectors by an index that is not known
-    /// before cannot stay in registers.
+    /// The axes in whose order [`wide`](Self::wide) takes coordinates of corners. Where a test
+    /// sorts them by octant, this happens while they are loaded: vectors by an index that is not
+    /// known before cannot stay in registers.
     #[inline(always)]
     fn axes(_: &RayOctant) -> [usize; 3] {
         [0, 1, 2]

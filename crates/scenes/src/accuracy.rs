@@ -15,8 +15,8 @@ pub struct Distance {
     pub extent: f64,
 }
 
-/// The distance of the moving vertices of `coarse` from those of `fine` at some times, which are
-/// fractions of the loop: 0 is its first time, 1 its last.
+/// Returns the distance of the moving vertices of `coarse` from those of `fine` at some times,
+/// which are fractions of the loop: 0 is its first time, 1 its last.
 ///
 /// This is the error of the accuracy knob
 /// [`SceneOptions::key_frames`](crate::SceneOptions::key_frames) where `fine` is the same scene

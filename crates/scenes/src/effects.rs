@@ -51,7 +51,7 @@ bitflags! {
 }
 
 impl LightEffects {
-    /// What the materials of a topology's parts call for.
+    /// Returns what the materials of a topology's parts call for.
     #[must_use]
     pub fn of(topology: &Topology) -> Self {
         topology.parts.iter().map(|part| Self::of_part(part, topology)).collect()
@@ -74,7 +74,7 @@ impl Effects {
         Self { simulated, motion, light: LightEffects::SHADOWS }
     }
 
-    /// The names of the effects called for.
+    /// Returns the names of the effects called for.
     pub fn names(self) -> impl Iterator<Item = String> {
         names(self.simulated).chain(names(self.motion)).chain(names(self.light))
     }

@@ -36,7 +36,7 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
     key_bytes: 0,
 };
 
-/// The bytes of the fairy forest as a binary glTF 2.0 file (.glb) of 174,117 triangles.
+/// Returns the bytes of the fairy forest as a binary glTF 2.0 file (.glb) of 174,117 triangles.
 ///
 /// The same seed gives the same bytes. Takes a few seconds.
 #[must_use]

@@ -120,7 +120,8 @@ fn framing(center: Vec3, half: Vec3) -> (View, Light) {
     let back = vec3(0.62, 0.38, 0.69).normalize();
     let right = Vec3::Y.cross(back).normalize();
     let (up, slope) = (back.cross(right), libm::tanf(0.5 * fov_y));
-    // Relative to the size of the box: squares of what is very large or small leave the range of f32.
+    // Relative to the size of the box: squares of what is very large or small leave the range of
+    // f32.
     let size = half.max_element();
     let (shape, narrowest) = (half / size, NARROWEST[0] as f32 / NARROWEST[1] as f32);
     // A corner is in the image if it is no further aside, nor up or down, than its depth allows.

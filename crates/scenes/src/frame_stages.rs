@@ -36,7 +36,7 @@ impl FrameStage {
         Self::Light(LightEffects::DIFFUSE_BOUNCES),
     ];
 
-    /// A short name for tables.
+    /// Returns a short name for tables.
     #[must_use]
     pub fn name(self) -> String {
         match self {
@@ -50,12 +50,12 @@ impl FrameStage {
 }
 
 impl Effects {
-    /// The stages of a frame of a scene with these effects, in the order they run.
+    /// Returns the stages of a frame of a scene with these effects, in the order they run.
     pub fn stages(self) -> impl Iterator<Item = FrameStage> {
         FrameStage::ALL.into_iter().filter(move |&stage| self.calls_for(stage))
     }
 
-    /// Whether a frame runs a stage.
+    /// Returns whether a frame runs a stage.
     #[must_use]
     pub fn calls_for(self, stage: FrameStage) -> bool {
         match stage {
@@ -68,7 +68,7 @@ impl Effects {
 }
 
 impl Scene {
-    /// The stages of a frame, each with a line that says what of the scene calls for it.
+    /// Returns the stages of a frame, each with a line that says what of the scene calls for it.
     #[must_use]
     pub fn stage_reasons(&self) -> Vec<(FrameStage, String)> {
         let topology = self.animation.topology();

@@ -144,7 +144,7 @@ pub enum SceneError {
     KeyFrames(#[from] anim::Problem),
 }
 
-/// The scenes made by this crate.
+/// Returns the scenes made by this crate.
 #[must_use]
 pub fn list() -> &'static [SceneInfo] {
     &[

@@ -15,9 +15,9 @@ const HEIGHT: f32 = 1.6;
 const JOINTS: usize = 4;
 const STEP: f32 = HEIGHT / JOINTS as f32;
 
-/// The bytes of a binary glTF 2.0 file (.glb) with a stalk that sways (skin), a ball that bounces
-/// and flattens (morph and rigid), a windmill (rigid), and ground that stands still. Always the
-/// same bytes.
+/// Returns the bytes of a binary glTF 2.0 file (.glb) with a stalk that sways (skin), a ball that
+/// bounces and flattens (morph and rigid), a windmill (rigid), and ground that stands still. Always
+/// the same bytes.
 #[must_use]
 pub fn toys_glb() -> Vec<u8> {
     let mut glb = Glb::new(SECONDS);

@@ -95,7 +95,8 @@ fn triangle_counts_are_those_of_the_papers_scenes() {
 fn scenes_are_the_same_on_any_number_of_threads() {
     for info in list() {
         // Passes are split in two by one thread and in four by three, if each part then has the
-        // least length: 4096 particles of the cloth, 512 shards. The dragon needs some steps to break.
+        // least length: 4096 particles of the cloth, 512 shards. The dragon needs some steps to
+        // break.
         let (detail, key_frames, substeps) = match info.name {
             "cloth-ball" => (0.4, 3, 5),
             "exploding-dragon" => (1.0, 20, 4),

@@ -15,7 +15,7 @@ use rt_cpu::{
 };
 use scenes::{FrameStage, LightEffects, NARROWEST, Scene};
 
-/// Samples of a pixel with such effects, if none are asked for.
+/// Returns the samples of a pixel with such effects, if none are asked for.
 #[must_use]
 pub fn default_samples(light: LightEffects) -> u32 {
     if light.contains(LightEffects::DIFFUSE_BOUNCES) {
@@ -27,8 +27,8 @@ pub fn default_samples(light: LightEffects) -> u32 {
     }
 }
 
-/// The camera of a view. An image narrower than [`NARROWEST`] shows as much from side to side as one
-/// of that shape, and more above and below.
+/// Returns the camera of a view. An image narrower than [`NARROWEST`] shows as much from side to
+/// side as one of that shape, and more above and below.
 #[must_use]
 pub fn camera(view: View, width: u32, height: u32) -> Camera {
     let View { eye, target, up, mut fov_y } = view;
@@ -101,8 +101,8 @@ impl Stage {
         })
     }
 
-    /// Time of frame `frame` of a loop of `frames`: the first and the last frame are the loop's
-    /// ends.
+    /// Returns the time of frame `frame` of a loop of `frames`: the first and the last frame are
+    /// the loop's ends.
     #[must_use]
     pub fn time_of(&self, frame: usize, frames: usize) -> f64 {
         let last = frames.saturating_sub(1).max(1);
@@ -133,8 +133,8 @@ impl Stage {
         }
     }
 
-    /// Positions at `count` times, evenly spread over a loop from its start to its end. The stage
-    /// is then at time 0.
+    /// Returns positions at `count` times, evenly spread over a loop from its start to its end. The
+    /// stage is then at time 0.
     pub fn positions(&mut self, count: usize) -> Vec<Vec<Vec3>> {
         let mut all = Vec::with_capacity(count);
         for i in 0..count {
@@ -145,7 +145,7 @@ impl Stage {
         all
     }
 
-    /// The triangles as they are now.
+    /// Returns the triangles as they are now.
     #[must_use]
     pub fn triangles(&self) -> Triangles<'_> {
         Triangles { positions: self.pose.positions(), indices: &self.triangles }
@@ -161,7 +161,7 @@ impl Stage {
         }
     }
 
-    /// What is rendered now: smooth after [`smooth`](Self::smooth), flat otherwise.
+    /// Returns what is rendered now: smooth after [`smooth`](Self::smooth), flat otherwise.
     #[must_use]
     pub fn mesh(&self) -> Mesh<'_> {
         Mesh {
@@ -174,32 +174,32 @@ impl Stage {
         }
     }
 
-    /// The scene's view now.
+    /// Returns the scene's view now.
     #[must_use]
     pub fn view(&self) -> View {
         self.scene.animation.view(self.pose.time()).unwrap_or(self.scene.view)
     }
 
-    /// The camera of the scene's view now.
+    /// Returns the camera of the scene's view now.
     #[must_use]
     pub fn camera(&self, width: u32, height: u32) -> Camera {
         camera(self.view(), width, height)
     }
 
-    /// The scene's light now.
+    /// Returns the scene's light now.
     #[must_use]
     pub fn light(&self) -> PointLight {
         let light = self.scene.animation.light(self.pose.time()).unwrap_or(self.scene.light);
         PointLight { position: light.position, color: light.color }
     }
 
-    /// Rendering as the scene calls for: shadow rays only where it has shadows.
+    /// Returns options to render as the scene calls for: shadow rays only where it has shadows.
     #[must_use]
     pub fn render_options(&self) -> RenderOptions {
         self.options_with(self.scene.effects.light)
     }
 
-    /// Rendering with the effects of `light` in place of the scene's.
+    /// Returns options to render with the effects of `light` in place of the scene's.
     #[must_use]
     pub fn options_with(&self, light: LightEffects) -> RenderOptions {
         let distance = OCCLUSION_DISTANCE * self.first_tree.root().aabb().extent().length();

@@ -51,8 +51,8 @@ enum What {
 /// Scenes compared unless others are named: the motions and sizes that the update was made for.
 /// Whole frames are compared on every scene: what a strategy must not do is fail on one of them.
 const SCENES: [&str; 4] = ["cloth-ball", "n-body", "exploding-dragon", "lion"];
-/// What each measurement is a contest of, and how many frames of a loop are measured unless a number
-/// is given: more of updates and of whole frames, whose worst ones count, too.
+/// What each measurement is a contest of, and how many frames of a loop are measured unless a
+/// number is given: more of updates and of whole frames, whose worst ones count, too.
 const CONTESTS: [(What, Contest, usize); 5] = [
     (What::Update, Contest::Update, 20),
     (What::Build, Contest::Build, 5),
@@ -69,8 +69,9 @@ pub struct Args {
     /// What to compare
     #[arg(value_enum, default_value_t = What::All)]
     what: What,
-    /// A scene's name, a .glb, .gltf, .obj, .ply, .stl or .aff file, or a folder of .ply or .obj key frames;
-    /// repeatable [default: cloth-ball, n-body, exploding-dragon, lion; all for whole frames]
+    /// A scene's name, a .glb, .gltf, .obj, .ply, .stl or .aff file, or a folder of .ply or .obj
+    /// key frames; repeatable [default: cloth-ball, n-body, exploding-dragon, lion; all for whole
+    /// frames]
     #[arg(long = "scene", value_name = "NAME|FILE|DIR")]
     scenes: Vec<String>,
     /// Only contestants whose names contain this; repeatable

@@ -15,7 +15,8 @@ pub(super) struct Lane {
     pub(super) name: &'static str,
     pub(super) method: Method,
     /// The tree, and after it its twins: trees of the later turns, of which the first is traced.
-    /// None where trees take long to prepare or to update: then the tree itself is traced once more.
+    /// None where trees take long to prepare or to update: then the tree itself is traced once
+    /// more.
     pub(super) trees: Vec<Tree>,
     /// What rays ask of each tree.
     pub(super) load: Load,

@@ -53,8 +53,8 @@ pub struct Args {
     /// protocol
     #[arg(long, value_enum, default_value_t = Preset::Standard)]
     pub(super) preset: Preset,
-    /// A scene's name, a .glb, .gltf, .obj, .ply, .stl or .aff file, or a folder of .ply or .obj key frames;
-    /// repeatable [default: all]
+    /// A scene's name, a .glb, .gltf, .obj, .ply, .stl or .aff file, or a folder of .ply or .obj
+    /// key frames; repeatable [default: all]
     #[arg(long = "scene", value_name = "NAME|FILE|DIR")]
     pub(super) scenes: Vec<String>,
     /// A strategy's name, as `list` gives them; repeatable [default: those of the paper, and the

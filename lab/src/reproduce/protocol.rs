@@ -144,7 +144,8 @@ impl Run<'_> {
         contestants.retain(|c| names.insert(c.of));
         // Those of the plan before end first.
         lanes.clear();
-        // Side by side: methods that know the animation take long to prepare, and that is not counted.
+        // Side by side: methods that know the animation take long to prepare, and that is not
+        // counted.
         let (shared, load) = (&*stage, load_of(plan.values.size));
         let lane = |c: &Contestant| Lane::new(c, load, shared, &poses);
         *lanes = contestants.par_iter().map(lane).collect::<Result<_>>()?;
@@ -187,8 +188,8 @@ impl Run<'_> {
             if round == 0 && self.plan.is_one_of(frame, values.check_frames) {
                 self.check(stage, frame);
             }
-            // Rows say that a frame is done: a run that is killed while it checks measures that frame
-            // again. Differences that were found earlier are known to the summary alone.
+            // Rows say that a frame is done: a run that is killed while it checks measures that
+            // frame again. Differences that were found earlier are known to the summary alone.
             self.log.journal.append(&rows)?;
             all_rows.extend(rows);
             if is_shown {
@@ -222,8 +223,8 @@ impl Run<'_> {
                 if is_measured || lane.method.depends_on_time() {
                     lane.trace(turn, stage, &mut self.renderer);
                 }
-                // Twins were added by the first update, which may have been shorter than later ones. Two
-                // turns in a row are seldom disturbed.
+                // Twins were added by the first update, which may have been shorter than later
+                // ones. Two turns in a row are seldom disturbed.
                 if is_measured && turn == 1 && lane.update_ms > LONG_MS {
                     lane.trees.truncate(1);
                 }

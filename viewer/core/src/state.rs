@@ -186,19 +186,19 @@ impl State {
         How { period, flash, smooth: !heat, clock: self.clock }
     }
 
-    /// What is set by hand.
+    /// Returns what is set by hand.
     #[must_use]
     pub fn settings(&self) -> Settings {
         self.settings
     }
 
-    /// The frame that is shown and the number of frames; `None` without a scene.
+    /// Returns the frame that is shown and the number of frames; `None` without a scene.
     #[must_use]
     pub fn frame(&self) -> Option<(usize, usize)> {
         self.shown.as_ref().map(|shown| (shown.frame, shown.frames()))
     }
 
-    /// Whether the picture stays as it is until the next event.
+    /// Returns whether the picture stays as it is until the next event.
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
         let samples = self.samples();
@@ -210,8 +210,8 @@ impl State {
             && self.held.is_empty()
     }
 
-    /// Seconds until the animation's next frame is due, if there is nothing to draw before; 0 if
-    /// there is, and infinite while only a step that is under way can bring something.
+    /// Returns the seconds until the animation's next frame is due, if there is nothing to draw
+    /// before; 0 if there is, and infinite while only a step that is under way can bring something.
     #[must_use]
     pub fn idle_seconds(&self) -> f64 {
         // What was not drawn yet of trees that are there, as after a setting has changed.
@@ -228,7 +228,8 @@ impl State {
         }
     }
 
-    /// Milliseconds that the last picture took: the step of the animation, tracing, and the rest.
+    /// Returns the milliseconds that the last picture took: the step of the animation, tracing, and
+    /// the rest.
     #[must_use]
     pub fn picture_ms(&self) -> [f64; 3] {
         self.last_ms
@@ -275,7 +276,7 @@ impl State {
         self.loading.as_deref().or(shown).unwrap_or("none")
     }
 
-    /// Whether a scene was asked for that is not there yet.
+    /// Returns whether a scene was asked for that is not there yet.
     #[must_use]
     pub fn is_loading(&self) -> bool {
         self.loading.is_some()

@@ -10,8 +10,8 @@
 //! for PLOC. By `compare frame` of that revision pictures took 3 to 7 % longer with LBVH than with
 //! PLOC, and by `--example loads` single rays no longer.
 //!
-//! `unit_costs`, two runs each (Zen 4: AVX-512, revision a8fd55b, 2026-11-29, beside other work; Zen 3,
-//! slower memory: virtual, AVX2, 2026-11-24):
+//! `unit_costs`, two runs each (Zen 4: AVX-512, revision a8fd55b, 2026-11-29, beside other work;
+//! Zen 3, slower memory: virtual, AVX2, 2026-11-24):
 //!
 //! ```text
 //! constant         here   Zen 4                        Zen 3
@@ -28,21 +28,21 @@
 //! PACKET_SLOPE     0.4    0.54; single rays 0.72       0.35; single rays 0.86; in a tree of 16 times the cost
 //! ```
 //!
-//! The two prices of repairs are parts of one time, and noise shifts one into the other. At a8fd55b they
-//! were 12 and 415 to 460 on Zen 4. The lion, which no cache holds, defends 9 and 400: above 104,166
-//! subtrees of 3.2 million nodes two threads took 25 and 15 ms, 80 ms of one core, where these prices
-//! say 70 (trial build of 9bde7b9).
+//! The two prices of repairs are parts of one time, and noise shifts one into the other. At a8fd55b
+//! they were 12 and 415 to 460 on Zen 4. The lion, which no cache holds, defends 9 and 400: above
+//! 104,166 subtrees of 3.2 million nodes two threads took 25 and 15 ms, 80 ms of one core, where
+//! these prices say 70 (trial build of 9bde7b9).
 //!
-//! Prices of work are those of the six scenes, above. Those of packet rays, of single rays and of pairs
-//! are lower than printed here. Higher ones gain no more than the noise; `PAIRS` at half loses
-//! (`docs/TUNING.md`, prices of loads).
+//! Prices of work are those of the six scenes, above. Those of packet rays, of single rays and of
+//! pairs are lower than printed here. Higher ones gain no more than the noise; `PAIRS` at half
+//! loses (`docs/TUNING.md`, prices of loads).
 //!
 //! Before, `unit_costs` printed 60 ns for a packet's node on Zen 4. It is 90 here: with 60 the mean
 //! frame of cloth-ball took 4 to 9 % longer, those of BrainStem and exploding-dragon as long
 //! (`compare frame --frames 24 --threads 2`, two runs each on a quiet machine, 2026-11-23). With 45
-//! and 65 ns bart-museum took 4 to 8 % longer than LBVH in every frame, with 90 as long; no other scene
-//! differed (`reproduce fig6`, two runs each in turns, 2147e3a, 2026-11-26). A price of 700 or 1000
-//! ns for a subtree gained nothing on lion and exploding-dragon (2026-11-25).
+//! and 65 ns bart-museum took 4 to 8 % longer than LBVH in every frame, with 90 as long; no other
+//! scene differed (`reproduce fig6`, two runs each in turns, 2147e3a, 2026-11-26). A price of 700
+//! or 1000 ns for a subtree gained nothing on lion and exploding-dragon (2026-11-25).
 
 use std::time::Duration;
 
@@ -79,10 +79,10 @@ const PACKET_SLOPE: f64 = 0.4;
 
 /// What is asked of the tree between two updates. The more it is, the more a better tree is worth.
 ///
-/// Rays and pairs are what will be asked before the next update; visits and time are those of
-/// the queries since the last update, and the next ones are expected to take as much. However little is
-/// reported, none at all included, a tree of twice the cost counts as a loss of at least the time of
-/// one update, so that no tree rots.
+/// Rays and pairs are what will be asked before the next update; visits and time are those of the
+/// queries since the last update, and the next ones are expected to take as much. However little is
+/// reported, none at all included, a tree of twice the cost counts as a loss of at least the time
+/// of one update, so that no tree rots.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Load {
@@ -98,8 +98,8 @@ pub enum Load {
     /// packet visits counts once, however many of its rays go there.
     PacketNodes(u64),
     /// As much time of one core as the queries since the last update took. It is compared with the
-    /// times of work on one machine (`auto/cost_model.rs`): where yours is slower, trees are repaired
-    /// too often. Visits have no such error.
+    /// times of work on one machine (`auto/cost_model.rs`): where yours is slower, trees are
+    /// repaired too often. Visits have no such error.
     Time(Duration),
 }
 

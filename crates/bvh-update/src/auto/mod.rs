@@ -35,9 +35,9 @@ use policy::{LEAST_GAIN, Observation, Plan, decide, decide_blindly, pays_every_f
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Auto {
     /// What will be asked of the tree before the next update; by default two rays in coherent
-    /// packets for each pixel of 1024 x 1024. [`Updater::report`](crate::Updater::report) changes it
-    /// from frame to frame. This default makes `Auto` rebuild a tree of a few thousand primitives
-    /// often, so callers should report what they ask of such a tree.
+    /// packets for each pixel of 1024 x 1024. [`Updater::report`](crate::Updater::report) changes
+    /// it from frame to frame. This default makes `Auto` rebuild a tree of a few thousand
+    /// primitives often, so callers should report what they ask of such a tree.
     // Not derived from anything. Half and double: docs/TUNING.md, prices of loads.
     pub load: Load,
 }

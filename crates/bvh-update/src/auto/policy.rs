@@ -61,8 +61,8 @@ pub(super) enum Plan {
     Keep,
     /// Build the tree again above the subtrees whose excess is at most `threshold`, in the same
     /// units as that of the tree. If there are more than `most`, or none is above it, a new tree by
-    /// `or_rebuild`; without that the tree stays, and one with too many is beyond repair until it is
-    /// rebuilt.
+    /// `or_rebuild`; without that the tree stays, and one with too many is beyond repair until it
+    /// is rebuilt.
     Repair {
         threshold: f64,
         most: usize,
@@ -72,8 +72,8 @@ pub(super) enum Plan {
 }
 
 /// The builder of a tree that is built without a pass before, since trees were bad again at once:
-/// after [`BLIND_AFTER`] rebuilds in a row, each soon enough that one in every frame is cheaper, but
-/// for a look now and then.
+/// after [`BLIND_AFTER`] rebuilds in a row, each soon enough that one in every frame is cheaper,
+/// but for a look now and then.
 pub(super) fn decide_blindly(ledger: &Ledger, primitives: f64, queries: QueryCost) -> Option<Builder> {
     let row = ledger.rebuilds_in_a_row;
     (row >= BLIND_AFTER && !row.is_multiple_of(LOOK_AGAIN)).then(|| queries.builder(primitives, 1))
@@ -101,8 +101,8 @@ pub(super) fn pays_every_frame(ledger: &Ledger, seen: &Observation) -> bool {
 /// rays for each of a million pixels. Each frame loses 2^21 rays * 25 ns * 0.4 * 0.09 = 1.9 ms. A
 /// new top costs 200,000 nodes * 9 ns and 6,000 subtrees * 400 ns, which is 4.2 ms: it is due in
 /// the third frame. At twice the cost a frame loses 21 ms: a new top is due at once, and a new tree
-/// at 100,000 triangles * 85 ns as well. Then the top is tried first, and a tree is built if there is
-/// no such top, or none that costs less.
+/// at 100,000 triangles * 85 ns as well. Then the top is tried first, and a tree is built if there
+/// is no such top, or none that costs less.
 pub(super) fn decide(ledger: &Ledger, seen: &Observation) -> (Plan, Reason) {
     let (builder, price_of_rebuild) = seen.rebuild(ledger);
     let price_of_repair = cost_model::repair(seen.nodes, ledger.subtrees);
@@ -153,8 +153,8 @@ impl Ledger {
         (self.rebuilds_in_a_row, self.is_beyond_repair, self.last_excess) = (0, 0, 0.0);
     }
 
-    /// A tree by `builder` has taken the place of one with the ledger `before`. If it came soon, it is
-    /// in a row with the rebuild before.
+    /// A tree by `builder` has taken the place of one with the ledger `before`. If it came soon, it
+    /// is in a row with the rebuild before.
     pub(super) fn rebuilt(before: &Self, builder: Builder, is_soon: bool) -> Self {
         Self {
             subtrees: before.subtrees,
@@ -164,8 +164,8 @@ impl Ledger {
         }
     }
 
-    /// A new tree by `builder` is hardly better than the one with the ledger `before`, which counts as
-    /// good as by that builder from now on. Repairs and rebuilds wait.
+    /// A new tree by `builder` is hardly better than the one with the ledger `before`, which counts
+    /// as good as by that builder from now on. Repairs and rebuilds wait.
     pub(super) fn kept_old_tree(before: &Self, builder: Builder) -> Self {
         let Self { mut repair, mut rebuild, .. } = *before;
         repair.failed();

@@ -54,10 +54,10 @@ pub(crate) fn sum<const N: usize>(nodes: &[Node], term: &(impl Fn(&Node) -> [f64
 }
 
 /// A tree whose cost has fallen below this part of what it was when its baseline was measured
-/// belongs to a scene that was scattered and is compact again, as in the jump from the last frame of a loop to its first: it
-/// may be better than its baseline and still 24 times worse than a new one
-/// (`auto_follows_boxes_that_scatter_and_meet_again` in `tests/repairs.rs` plays that). Any part from
-/// 0.25 to 0.9 passes this test, 0.1 does not (`docs/TUNING.md`).
+/// belongs to a scene that was scattered and is compact again, as in the jump from the last frame
+/// of a loop to its first: it may be better than its baseline and still 24 times worse than a new
+/// one (`auto_follows_boxes_that_scatter_and_meet_again` in `tests/repairs.rs` plays that). Any
+/// part from 0.25 to 0.9 passes this test, 0.1 does not (`docs/TUNING.md`).
 const COMPACT_AGAIN: f64 = 0.5;
 
 /// A node's part in what a baseline needs: the cost, that of dynamic and of static leaves, the
@@ -154,8 +154,8 @@ fn leaf_uniformity(widths: f64, leaves: f64, areas: f64) -> f64 {
     if uniformity > 0.0 { uniformity.min(1.0) } else { 1.0 }
 }
 
-/// Gives the cost of a tree after a pass. Where areas are beyond the range of `f32`, takes the sums of
-/// the pass again.
+/// Gives the cost of a tree after a pass. Where areas are beyond the range of `f32`, takes the sums
+/// of the pass again.
 pub(crate) fn take_cost(bvh: &Bvh, tally: &mut Tally) -> f64 {
     if !tally.is_in_range(bvh) {
         let [all, leaves, ..] = sum(bvh.nodes(), &terms);

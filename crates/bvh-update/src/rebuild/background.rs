@@ -45,8 +45,8 @@ pub struct BackgroundCost {
     /// primitive. Where some are static, the updater has one byte a primitive more, which is not
     /// counted here.
     pub bytes: usize,
-    /// Updates of [`Background`] by this updater, of any tree, from the copy of the boxes to the one
-    /// that put the tree in place: with one tree, the age of its structure in frames when it
+    /// Updates of [`Background`] by this updater, of any tree, from the copy of the boxes to the
+    /// one that put the tree in place: with one tree, the age of its structure in frames when it
     /// takes over.
     pub delay: u32,
     /// Time that its thread was busy, by the wall clock; where a core was free, this is the time

@@ -28,8 +28,8 @@ pub fn update<P: Primitives + ?Sized>(bvh: &mut Bvh, primitives: &P, rotate: Opt
     update_below(bvh, primitives, rotate, 0)
 }
 
-/// The same as if the root lay `depth` levels below that of a higher tree: rotations keep the tree
-/// that much lower.
+/// Does the same as if the root lay `depth` levels below that of a higher tree: rotations keep the
+/// tree that much lower.
 #[doc(hidden)]
 pub fn update_below<P: Primitives + ?Sized>(
     bvh: &mut Bvh,

@@ -69,8 +69,8 @@ impl Listed {
     }
 }
 
-/// Pushes a node, then takes it back if it does not belong: a branch would be guessed wrong for half
-/// of the nodes.
+/// Pushes a node, then takes it back if it does not belong: a branch would be guessed wrong for
+/// half of the nodes.
 fn push_if(belongs: bool, list: &mut Vec<Listed>, listed: Listed) {
     list.push(listed);
     list.truncate(list.len() - usize::from(!belongs));
@@ -111,7 +111,8 @@ pub(super) struct FrontierScratch {
 }
 
 /// Finds the subtrees whose excess is at most `threshold`; nothing, if the whole tree's is. Where
-/// there are more than `most`, not all are found. O(n) for the n nodes above dynamic primitives and the large static ones.
+/// there are more than `most`, not all are found. O(n) for the n nodes above dynamic primitives and
+/// the large static ones.
 pub(super) fn find(bvh: &Bvh, scale: f64, threshold: f64, most: usize, scratch: &mut FrontierScratch) {
     let FrontierScratch { top, parts } = scratch;
     let (nodes, root) = (bvh.nodes(), bvh.root());

@@ -15,9 +15,9 @@ use crate::simd::{load, load3, vectorize};
 use crate::wave::PACKET;
 use crate::wide::{RayOctant, Slab, V, WideTest};
 
-/// Inner nodes of a subtree that rays of several groups visit before the packet's frustum is tested,
-/// too: good trees do without it, through bad ones of dragon, museum and lion it saves 3 to 19 % of
-/// the time, as much after 2, 8 or 16 nodes (`docs/BENCHMARKS.md`, bad trees).
+/// Inner nodes of a subtree that rays of several groups visit before the packet's frustum is
+/// tested, too: good trees do without it, through bad ones of dragon, museum and lion it saves 3 to
+/// 19 % of the time, as much after 2, 8 or 16 nodes (`docs/BENCHMARKS.md`, bad trees).
 const NODES_BEFORE_FRUSTUM: u32 = 4;
 
 /// Walks the subtree at `root` with the rays in `mask`.
@@ -170,8 +170,8 @@ fn enter<S: Simd, const N: usize>(
 
 /// As [`enter`], after a test of the packet's frustum against both boxes.
 ///
-/// Out of line: with this in its loop good trees' rays took 2 to 6 % longer (the yardstick's scenes,
-/// trial builds of 42be85f, Zen 4, 2026-11-28).
+/// Out of line: with this in its loop good trees' rays took 2 to 6 % longer (the yardstick's
+/// scenes, trial builds of 42be85f, Zen 4, 2026-11-28).
 #[cold]
 #[inline(never)]
 fn enter_met<S: Simd>(

@@ -103,11 +103,11 @@ impl Bench<'_> {
         pixels
     }
 
-    /// SAH cost over that of a fresh tree, `sweep`, and trace time, of trees; and the trace times of
-    /// the fresh tree in each of its turns. Nothing after an interrupt.
+    /// SAH cost over that of a fresh tree, `sweep`, and trace time, of trees; and the trace times
+    /// of the fresh tree in each of its turns. Nothing after an interrupt.
     ///
-    /// Trees are traced in turns, and the fresh one three times a round: its times beside one another
-    /// show the noise.
+    /// Trees are traced in turns, and the fresh one three times a round: its times beside one
+    /// another show the noise.
     pub(super) fn over(&self, sweep: &Bvh, trees: &[&Bvh]) -> Option<(Vec<[f64; 2]>, Vec<f64>)> {
         let mut turns: Vec<_> = trees.iter().copied().map(Some).collect();
         // Nothing stands for the fresh one: at the end, in the middle, at the start.

@@ -11,8 +11,8 @@ use super::bench::{Log, in_turns};
 use crate::{files, interrupt, stage};
 
 /// The simulations: the steps between key frames that each has of its own, and the numbers of
-/// spaces between key frames that are tried, by preset. These divide those of the reference, so that
-/// all have the same steps, and lie near halves, quarters and so on of the scene's own number.
+/// spaces between key frames that are tried, by preset. These divide those of the reference, so
+/// that all have the same steps, and lie near halves, quarters and so on of the scene's own number.
 const SIMULATED: [(&str, usize, [&[usize]; 3]); 2] = [
     ("cloth-ball", 80, [&[6, 31, 62], &[12, 24, 48, 93, 186], &[6, 12, 24, 48, 93, 186, 372]]),
     ("n-body", 32, [&[11, 22, 66], &[12, 24, 48, 99, 198], &[6, 12, 24, 48, 99, 198, 396]]),

@@ -2,9 +2,9 @@
 //!
 //! `claims.json` has the paper's words and the rule of each claim; a function of the name it gives
 //! judges. A ratio of times is that of their sums over the frames that both strategies were
-//! measured on. Bounds stand in one file, `bounds.json`, as they are and as they were first; a value
-//! of a time that alone would change the verdict, were it [`table::BAND`] more or less, is named as
-//! near the bound. SAH costs do not depend on the machine and are the same in every run.
+//! measured on. Bounds stand in one file, `bounds.json`, as they are and as they were first; a
+//! value of a time that alone would change the verdict, were it [`table::BAND`] more or less, is
+//! named as near the bound. SAH costs do not depend on the machine and are the same in every run.
 
 mod findings;
 mod further;
