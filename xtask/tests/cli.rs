@@ -426,8 +426,13 @@ fn frames_are_rendered_to_png_and_exr() {
     }
     let film = temporary.path().join("film.gif");
     let toys = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/toys.glb");
-    succeeds(&["render", toys, "--frames", "0..3", "--size", "8x8", "--out", str(&film)]);
-    assert!(fs::read(&film).expect("a film").starts_with(b"GIF89a"));
+    for (range, count) in [(&["--frames", "0..3"][..], 3), (&["--frame", "2"], 1), (&[], 49)] {
+        succeeds(&[&["render", toys, "--size", "8x8", "--out", str(&film)], range].concat());
+        let film = fs::read(&film).expect("a film");
+        // Each frame begins with an extension that says how long it is shown.
+        let frames = film.windows(3).filter(|bytes| bytes == b"\x21\xf9\x04").count();
+        assert!(film.starts_with(b"GIF89a") && frames == count, "{frames} frames");
+    }
     // The folder is made.
     let below = temporary.path().join("new/frame.png");
     succeeds(&["render", toys, "--frame", "0", "--size", "8x8", "--out", str(&below)]);

@@ -83,9 +83,13 @@ pub(crate) fn numbered<'a, T>(
     what: &str,
     place: impl Display,
 ) -> Result<&'a T, Problem> {
-    let (found, expected) =
-        (|| format!("no {what} {number}"), || format!("one of the {} there are", list.len()));
-    list.get(number).ok_or_else(|| Problem::new(place.to_string(), found(), expected()))
+    list.get(number).ok_or_else(|| {
+        let expected = match list.len() {
+            0 => "none, as the file has none".to_owned(),
+            count => format!("a number below {count}"),
+        };
+        Problem::new(place.to_string(), format!("no {what} {number}"), expected)
+    })
 }
 
 /// Returns the text without control characters, which a terminal would obey; line ends and tabs

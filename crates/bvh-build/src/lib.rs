@@ -153,8 +153,8 @@ const NO_PAIR: Pair = Pair([Node::NOTHING; 2]);
 /// Fewest entries of a list for a thread to write; not tuned.
 const ROOM: usize = 4096;
 
-/// Gives a list `n` entries of any content. Where it grows, all threads write its new memory, so
-/// that they share the page faults: a first build takes twice as long as the next one.
+/// Gives a list `n` entries of any content. Where its memory grows, all threads write it first, so
+/// that they share the page faults (`docs/TUNING.md`, first builds).
 fn make_room<T: Copy + Send + Sync>(list: &mut Vec<T>, n: usize, value: T, threads: usize) {
     if threads > 1 && list.capacity() < n {
         rayon::iter::repeat_n(value, n).with_min_len(ROOM).collect_into_vec(list);

@@ -59,7 +59,8 @@ pub enum Builder {
     Annealed,
     /// [`Sweep`](Self::Sweep), then each subtree moved to where it costs least; see
     /// [`reinsert`](fn@crate::reinsert), on all threads of the current rayon pool. A lower
-    /// cost than by annealing with 25 passes, in about twice the time (`docs/ACCURACY.md`).
+    /// cost than by annealing with 25 passes (not the default of 400), in about twice the time
+    /// (`docs/ACCURACY.md`).
     Reinserted,
 }
 

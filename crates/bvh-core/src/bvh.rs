@@ -86,8 +86,8 @@ pub struct Parts<'a> {
     pub state: &'a mut UpdateState,
 }
 
-/// Guards a tree: if a panic drops the guard, the function repairs the tree. Who gets through
-/// forgets the guard.
+/// Guards a tree: if a panic drops the guard, the function repairs the tree. Code that succeeds passes
+/// the guard to `mem::forget`.
 #[doc(hidden)]
 pub struct OnPanic<'a>(pub &'a mut Bvh, pub fn(&mut Bvh));
 
@@ -114,23 +114,18 @@ impl Bvh {
         Self { pairs, order, ..Self::default() }.checked()
     }
 
-    /// Replaces the tree by one that `fill` writes into the same memory, given with any content:
-    /// the pairs of nodes, which it leaves at their number, and the order. If `fill` panics, the
-    /// tree is empty afterwards.
+    /// Replaces the tree by one that `fill` writes into the same memory. `fill` gets the pairs of nodes
+    /// and the order with any content and length, and leaves in them the pairs and slots of the new
+    /// tree, at least one pair. If it panics, the tree is empty afterwards.
     ///
     /// # Safety
-    /// Pairs and order must form a tree as [`Bvh`] describes it, without empty leaves but where
-    /// there are no primitives, with right heights and every node dynamic: updates that share the
-    /// arena between threads rely on it.
+    /// Pairs and order must form a tree as [`Bvh`] describes it, without empty leaves but where there
+    /// are no primitives, with right heights and every node dynamic: updates that share the arena
+    /// between threads rely on it.
     #[doc(hidden)]
     #[expect(unsafe_code, reason = "a promise that the compiler cannot check")]
     pub unsafe fn replace_with(&mut self, fill: impl FnOnce(&mut Vec<Pair>, &mut Vec<u32>)) {
-        let guard = OnPanic(self, |bvh| {
-            // Whoever counts changes must not miss the next ones.
-            let changes = bvh.update_state.changes;
-            *bvh = Self::default();
-            bvh.update_state.changes = changes;
-        });
+        let guard = OnPanic(self, Self::clear);
         let bvh = &mut *guard.0;
         fill(&mut bvh.pairs, &mut bvh.order);
         bvh.pairs[0].0[1] = Node::NOTHING;
@@ -270,11 +265,17 @@ impl Bvh {
     #[doc(hidden)]
     pub fn recompute_metadata(&mut self) {
         let Ok((inner, _)) = self.check_structure() else {
-            *self = Self::default();
-            return;
+            return self.clear();
         };
         self.refit_metadata(&inner);
         self.sum_static_area();
+    }
+
+    /// Empties the tree. Changes are counted on: whoever counts them must not miss the next ones.
+    fn clear(&mut self) {
+        let changes = self.update_state.changes;
+        *self = Self::default();
+        self.update_state.changes = changes;
     }
 
     /// Sets heights and dynamic bits of inner nodes, which are listed parents first.

@@ -62,8 +62,7 @@ impl Bvh {
         self.refit_metadata(&inner);
         self.in_order = is_identity(&self.order);
         self.all_dynamic = self.nodes().iter().all(|n| n.is_dynamic() || n.count() == 0);
-        self.leaves_of_one =
-            self.nodes().iter().all(|n| !n.is_leaf() || n.count() == 1 || *n == Node::NOTHING);
+        self.leaves_of_one = self.nodes().iter().all(|node| node.count() <= 1);
         self.sum_static_area();
         Ok(self)
     }

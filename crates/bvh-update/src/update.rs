@@ -122,8 +122,8 @@ impl Updater {
     /// and allocate nothing but where a thread takes part for the first time, or a panic has taken
     /// its memory ([`THREAD_MEMORY`](Self::THREAD_MEMORY)). A rebuild keeps which primitives are
     /// dynamic, leaf by leaf ([`Bvh::set_dynamic`]). Its leaves may be as large as the
-    /// build allowed that an update made last, or as the tree's largest where no update has built
-    /// it; [`Strategy::Rebuild`] takes the leaf size from its options.
+    /// last build by an update allowed, or as the tree's largest where no update has built it;
+    /// [`Strategy::Rebuild`] takes the leaf size from its options.
     ///
     /// [`Strategy::Rebuild`] and [`Strategy::Auto`] take another number of primitives than the tree
     /// holds and build a new tree, in which all primitives are dynamic.

@@ -27,8 +27,8 @@ pub fn default_samples(light: LightEffects) -> u32 {
     }
 }
 
-/// Returns the camera of a view. An image narrower than [`NARROWEST`] shows as much from side to
-/// side as one of that shape, and more above and below.
+/// Returns the camera of a view, also of one that a file has. An image narrower than [`NARROWEST`]
+/// shows as much from side to side as one of that shape, and more above and below.
 #[must_use]
 pub fn camera(view: View, width: u32, height: u32) -> Camera {
     let View { eye, target, up, mut fov_y } = view;

@@ -45,7 +45,7 @@ const mark = (claim, i) => html`<li><a class="verdict ${claim.verdict}" href="#c
   <span class="tip"><b>${words(claim.verdict)}</b>${claim.claim}<span class="soft">Paper: ${claim.paper}. Here: ${short(claim.ours)}</span></span></a></li>`;
 const first = html`<header class="first">
   <p class="kicker"><cite>Fast, Effective BVH Updates for Dynamic Ray-Traced Scenes Using Tree Rotations</cite>
-  (Kopta, Ize, Spjut, Brunvand, Davis and Kensler, 2012), rerun on this machine</p>
+  (Kopta, Kensler, Ize, Spjut, Brunvand and Davis, 2012), rerun on this machine</p>
   <h1>${run.headline}</h1>
   ${run.advice && html`<p class="advice"><b>Use ${run.advice[0]}</b> – ${run.advice[1]}</p>`}
   <p class="ran">${plural(main.length, "scene")}, ${settings.strategies.length} strategies, preset ${settings.preset}${settings.preset === "quick"

@@ -14,6 +14,9 @@ use crate::{Args, CLOCK, load};
 /// Draws frames without a window.
 pub(crate) fn draw(args: &Args, settings: Settings, out: &Path) -> Result<()> {
     let extension = out.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+    // Before anything long begins.
+    let folder = if extension.is_some() { out.parent().unwrap_or(out) } else { out };
+    fs::create_dir_all(folder).with_context(|| format!("{}: cannot be made a folder", folder.display()))?;
     let mut state = State::new(args.size.0, args.size.1, vec![args.scene.clone()], CLOCK);
     let pace = Pace::new();
     let mut ready =
@@ -35,10 +38,6 @@ pub(crate) fn draw(args: &Args, settings: Settings, out: &Path) -> Result<()> {
         Some(other) => bail!("cannot write .{other}; a picture is .png or .gif, or name a folder"),
         None => Film::folder(out)?,
     };
-    if let (Film::File(_) | Film::Gif(..), Some(folder)) = (&film, out.parent()) {
-        fs::create_dir_all(folder)
-            .with_context(|| format!("{}: cannot be made a folder", folder.display()))?;
-    }
     // Plays by hand, one frame at a time.
     state.apply(Event::Key(Key::Char(' '), true));
     let pace = Pace::new();
@@ -55,10 +54,7 @@ pub(crate) fn draw(args: &Args, settings: Settings, out: &Path) -> Result<()> {
         loop {
             let canvas = state.draw().clone();
             if state.is_at_rest() {
-                if let Film::Folder(_, number) = &mut film {
-                    *number = frame;
-                }
-                film.push(&canvas)?;
+                film.push_as(&canvas, frame)?;
                 break;
             }
         }
@@ -83,12 +79,19 @@ impl Film {
         Ok(Self::Folder(path.to_owned(), 0))
     }
 
+    /// Adds a picture, in a folder with the number after the last one's.
     pub(crate) fn push(&mut self, canvas: &Canvas) -> Result<()> {
+        let number = if let Self::Folder(_, next) = *self { next } else { 0 };
+        self.push_as(canvas, number)
+    }
+
+    /// Adds a picture, in a folder with this number.
+    fn push_as(&mut self, canvas: &Canvas, number: usize) -> Result<()> {
         match self {
             Self::File(path) => save(canvas, path),
-            Self::Folder(path, number) => {
-                *number += 1;
-                save(canvas, &path.join(format!("frame-{:04}.png", *number - 1)))
+            Self::Folder(path, next) => {
+                *next = number + 1;
+                save(canvas, &path.join(format!("frame-{number:04}.png")))
             }
             Self::Gif(_, frames) => {
                 frames.push(canvas.clone());

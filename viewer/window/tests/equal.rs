@@ -61,3 +61,23 @@ fn films_hold_every_frame() {
     }
     assert_eq!((film.width(), film.height(), frames), (160, 90, 5));
 }
+
+#[test]
+fn pictures_in_a_folder_have_the_numbers_of_their_frames() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let toys = concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets/toys.glb");
+    let (pictures, picture) = (folder.path().join("new/pictures"), folder.path().join("other/picture.png"));
+    let draw = |args: &[&str], out: &Path| {
+        let mut viewer = Command::new(env!("CARGO_BIN_EXE_viewer"));
+        viewer.args([toys, "--size", "64x36", "--overlay", "0"]).args(args).arg("--out").arg(out);
+        viewer.output().expect("started")
+    };
+    assert!(draw(&["--frames", "3..8", "--every", "2", "--clip", "0"], &pictures).status.success());
+    let files = std::fs::read_dir(&pictures).expect("a folder");
+    let mut names: Vec<_> = files.map(|file| file.expect("a file").file_name()).collect();
+    names.sort();
+    assert_eq!(names, ["frame-0003.png", "frame-0005.png", "frame-0007.png"]);
+    assert!(draw(&[], &picture).status.success() && picture.exists());
+    let error = draw(&["--clip", "no such"], &picture).stderr;
+    assert!(String::from_utf8_lossy(&error).contains("no such"));
+}

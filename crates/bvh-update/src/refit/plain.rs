@@ -28,7 +28,7 @@ pub fn update<P: Primitives + ?Sized>(bvh: &mut Bvh, primitives: &P, rotate: Opt
     update_below(bvh, primitives, rotate, 0)
 }
 
-/// Does the same as if the root lay `depth` levels below that of a higher tree: rotations keep the
+/// Does what [`update`] does, as if the root lay `depth` levels below that of a higher tree: rotations keep the
 /// tree that much lower.
 #[doc(hidden)]
 pub fn update_below<P: Primitives + ?Sized>(

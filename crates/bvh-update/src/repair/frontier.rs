@@ -110,7 +110,7 @@ pub(super) struct FrontierScratch {
     parts: Vec<Part>,
 }
 
-/// Finds the subtrees whose excess is at most `threshold`; nothing, if the whole tree's is. Where
+/// Finds the subtrees whose excess is at most `threshold`; none if that of the whole tree is. Where
 /// there are more than `most`, not all are found. O(n) for the n nodes above dynamic primitives and
 /// the large static ones.
 pub(super) fn find(bvh: &Bvh, scale: f64, threshold: f64, most: usize, scratch: &mut FrontierScratch) {

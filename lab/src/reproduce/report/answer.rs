@@ -152,6 +152,10 @@ mod tests {
             mixed.ends_with("Elsewhere frames are 2.0 times as fast as with refitting alone."),
             "{mixed}"
         );
+        assert!(
+            run(&[4.0, 3.0, 19.0]).contains("as with refitting alone in 2 of 3 scenes; not in c (frames")
+        );
+        assert!(run(&[4.0, 9.0]).contains("in 1 of 2 scenes; not in b"));
         assert_eq!(run(&[9.0, 9.1]), "Rotations pay in no scene: a, b.");
         assert!(run(&[]).contains("does not compare"));
     }
