@@ -154,9 +154,10 @@ const NO_PAIR: Pair = Pair([Node::NOTHING; 2]);
 const ROOM: usize = 4096;
 
 /// Gives a list `n` entries of any content. Where its memory grows, all threads write it first, so
-/// that they share the page faults (`docs/TUNING.md`, first builds).
+/// that they share the page faults (`docs/TUNING.md`, first builds). Not on WebAssembly, where the
+/// code for it is a hundredth of the viewer's page.
 fn make_room<T: Copy + Send + Sync>(list: &mut Vec<T>, n: usize, value: T, threads: usize) {
-    if threads > 1 && list.capacity() < n {
+    if cfg!(not(target_family = "wasm")) && threads > 1 && list.capacity() < n {
         rayon::iter::repeat_n(value, n).with_min_len(ROOM).collect_into_vec(list);
     } else {
         list.resize(n, value);
