@@ -111,7 +111,10 @@ pub fn run(args: &Args) -> Result<()> {
     let wanted = match (&args.frames, args.frame, &target) {
         (Some(frames), ..) => frames.clone(),
         (None, None, Target::Film(_)) => 0..count,
-        (None, frame, _) => frame.unwrap_or(0)..frame.unwrap_or(0).saturating_add(1),
+        (None, frame, _) => {
+            let frame = frame.unwrap_or(0);
+            frame..frame.saturating_add(1)
+        }
     };
     ensure!(
         wanted.end <= count,

@@ -84,10 +84,7 @@ pub(crate) fn numbered<'a, T>(
     place: impl Display,
 ) -> Result<&'a T, Problem> {
     list.get(number).ok_or_else(|| {
-        let expected = match list.len() {
-            0 => "none, as the file has none".to_owned(),
-            count => format!("a number below {count}"),
-        };
+        let expected = format!("one of the {} there are, counted from 0", list.len());
         Problem::new(place.to_string(), format!("no {what} {number}"), expected)
     })
 }

@@ -10,9 +10,9 @@ use crate::neighbor_search::Window;
 /// Lets a builder write a tree of one or more primitives a leaf: its pairs and its order.
 pub(crate) fn write(bvh: &mut Bvh, fill: impl FnOnce(&mut Vec<Pair>, &mut Vec<u32>)) {
     // SAFETY: builders write nodes by `SubtreeSlot` alone, which gives out each pair and each slot
-    // once, and takes heights from the children; `leaves::merge` keeps this up. `rebuild` gives the lists one
-    // pair and one slot a primitive, and cuts off pairs that `merge` has emptied alone. Tests build the
-    // same tree by `Bvh::new`, which checks everything.
+    // once, and takes heights from the children; `leaves::merge` keeps this up. `rebuild` gives the
+    // lists one pair and one slot a primitive, and cuts off only pairs that `merge` has emptied.
+    // Tests build the same tree by `Bvh::new`, which checks everything.
     #[expect(unsafe_code, reason = "promises a valid tree")]
     unsafe {
         bvh.replace_with(fill);

@@ -22,9 +22,9 @@ pub struct Update {
     /// SAH cost of the tree as it is now, where the strategy needs it or
     /// [`Updater::report_cost`](crate::Updater::report_cost) asks for it:
     /// [`sah_cost`](bvh_core::sah_cost), but from `f32` areas unless some may leave the range of
-    /// `f32`. After rotations that remove most of the cost in one update it is up to 1 % too high
-    /// or too low, since changes are added to the cost before. `None` after a rebuild or a partial
-    /// rebuild; a tree from the background is refitted, so it has one.
+    /// `f32`. After rotations that remove most of the cost in one update it is less exact, since
+    /// rounded changes are added to the cost before. `None` after a rebuild or a partial rebuild; a
+    /// tree from the background is refitted, so it has one.
     pub sah_cost: Option<f64>,
     /// Height of the tree as it is now.
     pub height: u32,
@@ -84,9 +84,9 @@ pub enum Decision {
 #[non_exhaustive]
 pub struct Reason {
     /// Milliseconds of one core that queries have lost to the excess cost of the tree since it was
-    /// last repaired, built or [kept](Decision::Kept); a repair that found no better top also
-    /// begins the count anew. Where a fast build is to be replaced, what queries lose to it is
-    /// included.
+    /// last repaired, built or [kept](Decision::Kept). A repair that found no better top sets the
+    /// sum to 0, too. Where a good build is to replace a fast one, the sum includes the time that
+    /// queries lose to the fast one.
     pub lost_ms: f64,
     /// Milliseconds of one core that the repair or the rebuild takes, doubled after one that
     /// failed.

@@ -1,5 +1,7 @@
 //! What can be set: one table for the panel, the mouse and the keys.
 
+use std::path::Path;
+
 use bvh_update::Strategy;
 use rt_cpu::{StageTimes, TriangleTest};
 use scenes::LightEffects;
@@ -140,12 +142,6 @@ fn next<T: Copy + PartialEq>(values: &[T], now: T, back: bool) -> T {
     values.get((at + by) % values.len().max(1)).copied().unwrap_or(now)
 }
 
-/// The last part of a path, which may end in a slash.
-fn file_name(path: &str) -> &str {
-    let path = path.trim_end_matches(['/', '\\']);
-    path.rsplit_once(['/', '\\']).map_or(path, |(_, name)| name)
-}
-
 impl State {
     /// What a control is set to, for the panel.
     pub(crate) fn value(&self, control: Control) -> String {
@@ -153,7 +149,10 @@ impl State {
         let on = |on: bool| if on { "on" } else { "off" }.to_owned();
         match control {
             // Of a file its name, as a path is too long for the panel.
-            Control::Scene => file_name(self.scene_name()).to_owned(),
+            Control::Scene => {
+                let name = Path::new(self.scene_name()).file_name();
+                name.map_or_else(|| self.scene_name().into(), |name| name.to_string_lossy()).into_owned()
+            }
             Control::Play => on(self.playing),
             Control::Speed => format!("x {}", set.speed),
             Control::Left => set.left.name().to_owned(),
@@ -264,19 +263,5 @@ impl State {
             }
         }
         self.settings_changed();
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::file_name;
-
-    #[test]
-    fn the_panel_names_a_file_without_its_path() {
-        for (path, name) in
-            [("a/b.glb", "b.glb"), ("frames/", "frames"), ("a\\b\\", "b"), ("n-body", "n-body")]
-        {
-            assert_eq!(file_name(path), name);
-        }
     }
 }

@@ -36,7 +36,7 @@ pub(crate) fn draw(args: &Args, settings: Settings, out: &Path) -> Result<()> {
         }
         Some("png") => Film::File(out.to_owned()),
         Some(other) => bail!("cannot write .{other}; a picture is .png or .gif, or name a folder"),
-        None => Film::folder(out)?,
+        None => Film::Folder(out.to_owned(), 0),
     };
     // Plays by hand, one frame at a time.
     state.apply(Event::Key(Key::Char(' '), true));
