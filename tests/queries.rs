@@ -6,7 +6,7 @@ use std::ops::ControlFlow::{Break, Continue};
 use bvh_build::{BuildOptions, Builder, build, build_with};
 use bvh_core::{
     Aabb, Bvh, MAX_HEIGHT, Node, Primitives, Ray, TriangleTest, Triangles, Vec3, Visits, any_hit_counted,
-    closest_hit_brute, closest_hit_counted,
+    closest_hit_brute, closest_hit_counted, closest_hit_where,
 };
 use bvh_update::{Rotate, Strategy, Updater};
 use pivot_tests::{Motion, Soup, closest_hit, noise};
@@ -79,6 +79,49 @@ proptest! {
         prop_assert_eq!(&found, &expected);
         let (first, visits) = pairs(&bvh, &triangles, 2);
         prop_assert!(first.len() == expected.len().min(2) && visits.nodes <= all.nodes);
+    }
+
+    #[test]
+    fn pairs_of_two_trees_and_of_what_is_awake_are_those_of_brute_force(
+        n in 0usize..120, m in 0usize..120, seed: u64, motion in prop::sample::select(&Motion::ALL[..]),
+        max_leaf_size in prop::sample::select(vec![1u32, 4, 50])
+    ) {
+        let (mut bvh, soup, now) = moved(n, seed, motion, max_leaf_size);
+        let triangles = Triangles { positions: &now, indices: &soup.triangles };
+        let (other, others, then) = moved(m, seed ^ 1, Motion::Smooth, 1);
+        let others = Triangles { positions: &then, indices: &others.triangles };
+        let both = (0..n).flat_map(|a| (0..m).map(move |b| (a, b)));
+        let expected: Vec<_> = both.filter(|&(a, b)| triangles.aabb(a).overlaps(&others.aabb(b))).collect();
+        let between = |most: usize| {
+            let mut found = Vec::new();
+            let visits = bvh.for_each_pair_between(&triangles, &other, &others, |a, b| {
+                found.push((a, b));
+                if found.len() == most { Break(()) } else { Continue(()) }
+            });
+            found.sort_unstable();
+            (found, visits)
+        };
+        let (found, all) = between(usize::MAX);
+        prop_assert_eq!(&found, &expected);
+        prop_assert!(between(2).0.len() == expected.len().min(2) && all.queries == 1);
+
+        let is_awake = |p: usize| !p.is_multiple_of(3);
+        bvh.set_dynamic(is_awake);
+        let mut found = Vec::new();
+        let awake = bvh.for_each_dynamic_pair(&triangles, |a, b| {
+            found.push((a.min(b), a.max(b)));
+            Continue(())
+        });
+        found.sort_unstable();
+        let expected: Vec<_> = all_pairs(&triangles);
+        let is_wanted = |&(a, b): &(usize, usize)| is_awake(a) || is_awake(b);
+        let wanted: Vec<_> = expected.iter().copied().filter(is_wanted).collect();
+        // Sleepers beside something awake in one leaf count as awake.
+        prop_assert!(max_leaf_size > 1 || found == wanted);
+        let is_found = |pair: &(usize, usize)| found.binary_search(pair).is_ok();
+        prop_assert!(wanted.iter().all(is_found) && found.iter().all(|pair| expected.contains(pair)));
+        let (_, every) = pairs(&bvh, &triangles, usize::MAX);
+        prop_assert!(awake.nodes <= every.nodes && awake.primitives <= every.primitives);
     }
 
     #[test]
@@ -181,6 +224,12 @@ fn the_highest_trees_fit_the_stacks_of_all_queries() {
         let all: Vec<_> = (0..boxes.len()).collect();
         assert_eq!(overlapping(&bvh, &boxes, &everywhere, usize::MAX).0, all);
         assert_eq!(pairs(&bvh, &boxes, usize::MAX).0, all_pairs(&boxes));
+        let mut between = 0;
+        bvh.for_each_pair_between(&boxes, &bvh.clone(), &boxes, |_, _| {
+            between += 1;
+            Continue(())
+        });
+        assert_eq!(between, boxes.len().pow(2));
         let ray = Ray::new(Vec3::new(-200.0, 0.0, 0.0), Vec3::X);
         let mut met = Vec::new();
         bvh.cast_ray(&ray, f32::INFINITY, |p, t_max| {
@@ -219,6 +268,20 @@ fn picks_are_those_of_brute_force_and_visits_are_counted() {
         assert_eq!((closest.queries, any.queries), (1, 1));
         assert!(closest.nodes > 0 && closest.nodes < 1000, "{closest:?}");
         assert!(any.primitives <= closest.primitives && any.nodes <= closest.nodes, "{any:?} {closest:?}");
+        // Behind the first hit lies the first one of all others.
+        let mut others = Visits::default();
+        let is_other = |p: u32| truth.is_none_or(|first| first.primitive != p);
+        let second = closest_hit_where(&bvh, &triangles, &ray, f32::INFINITY, test, &mut others, |hit| {
+            is_other(hit.primitive)
+        });
+        let mut rest = soup.triangles.clone();
+        if let Some(first) = truth {
+            rest[first.primitive as usize] = [u32::MAX; 3];
+        }
+        let rest = Triangles { positions: &now, indices: &rest };
+        assert_eq!(second, closest_hit_brute(&rest, &ray, f32::INFINITY, test));
+        others += closest;
+        assert_eq!(others.queries, 2);
         if let Some(hit) = truth {
             assert!((hit.weights().iter().sum::<f32>() - 1.0).abs() < 1e-5, "{hit:?}");
             let point = hit.interpolate(triangles.corners(hit.primitive as usize));
@@ -320,6 +383,10 @@ fn nothing_is_found_in_an_empty_tree() {
     let everywhere = Aabb::new(Vec3::MIN, Vec3::MAX);
     assert!(overlapping(&bvh, &[], &everywhere, 1).0.is_empty());
     bvh.for_each_pair(&[], |a, b| panic!("{a} and {b}"));
+    let unit = [Aabb::new(Vec3::ZERO, Vec3::ONE)];
+    let one = build(&unit, Builder::Sweep).expect("one");
+    bvh.for_each_pair_between(&[], &one, &unit, |a, b| panic!("{a} and {b}"));
+    one.for_each_pair_between(&unit, &bvh, &[], |a, b| panic!("{a} and {b}"));
     let ray = Ray::new(Vec3::ZERO, Vec3::X);
     assert_eq!(bvh.cast_ray(&ray, 5.0, |p, _| panic!("{p}")).0, 5.0);
 }

@@ -194,7 +194,9 @@ pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
     match contest {
         Contest::Update => {
             for period in [2, 4, 8] {
-                let strategy = Strategy::RefitRotate(Rotate { period });
+                let mut budget = Rotate::default();
+                budget.period = period;
+                let strategy = Strategy::RefitRotate(budget);
                 add(&format!("{} every {period}", rotate.name()), Variant { strategy, ..plain });
             }
             for strategy in [Strategy::Refit, rotate] {

@@ -176,7 +176,7 @@ impl Real {
             triangles: Vec::new(),
         };
         real.show(mesh);
-        real.update = Update { height: real.bvh.height(), ..Update::default() };
+        real.update.height = real.bvh.height();
         real.update.dropped = (0..mesh.triangles.len()).filter(|&i| !mesh.is_finite(i)).count() as u64;
         real
     }

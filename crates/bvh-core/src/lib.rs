@@ -11,8 +11,8 @@
 //!   ([`rotation`]), validation ([`Bvh::validate`]) and statistics ([`stats()`]).
 //!
 //! The crate `bvh-build` makes trees and `bvh-update` keeps them good. Coordinates are `f32` in any
-//! unit and any axis convention. Numbers of primitives are `usize` wherever a function takes or
-//! gives one; the tree stores them as `u32`.
+//! unit and any axis convention. Functions take and give numbers of primitives as `usize`; the tree
+//! and a [`Hit`] store them as `u32`.
 //!
 //! ```
 //! use bvh_core::{Aabb, Bvh, Node, Vec3};
@@ -74,12 +74,16 @@ mod validate;
 pub use aabb::Aabb;
 pub use bvh::{Bvh, MAX_HEIGHT, MAX_PRIMITIVES, OnPanic, Pair, Parts};
 pub use cost::{COST_INTERSECT, COST_TRAVERSE, sah_cost};
+#[doc(no_inline)]
 pub use glam;
+#[doc(no_inline)]
 pub use glam::Vec3;
 pub use hit::Hit;
 pub use named::UnknownName;
 pub use node::{MAX_LEAF_SIZE, Node};
-pub use pick::{any_hit, any_hit_counted, closest_hit, closest_hit_brute, closest_hit_counted};
+pub use pick::{
+    any_hit, any_hit_counted, closest_hit, closest_hit_brute, closest_hit_counted, closest_hit_where,
+};
 pub use prefetch::{prefetch, prefetch_at};
 pub use primitives::{Primitives, Triangles};
 pub use query::Visits;

@@ -45,12 +45,77 @@ pub fn closest_hit(
 
 /// Returns whether any triangle lies along a ray with `0 <= t <= t_max`; otherwise as
 /// [`closest_hit`].
+///
+/// ```
+/// use bvh_core::{Aabb, Bvh, Node, Ray, TriangleTest, Triangles, Vec3, any_hit};
+///
+/// let positions = [Vec3::ZERO, Vec3::X, Vec3::Y];
+/// let triangles = Triangles { positions: &positions, indices: &[[0, 1, 2]] };
+/// let leaf = Node::leaf(Aabb::new(Vec3::ZERO, Vec3::new(1.0, 1.0, 0.0)), 0, 1);
+/// let bvh = Bvh::new(&[leaf, Node::NOTHING], vec![0])?;
+/// let to_light = Ray::new(Vec3::new(0.25, 0.5, 3.0), Vec3::new(0.0, 0.0, -9.0));
+/// assert!(any_hit(&bvh, &triangles, &to_light, 1.0, TriangleTest::default()));
+/// assert!(!any_hit(&bvh, &triangles, &to_light, 0.3, TriangleTest::default()));
+/// # Ok::<(), bvh_core::Malformed>(())
+/// ```
 #[must_use]
 pub fn any_hit(bvh: &Bvh, triangles: &Triangles<'_>, ray: &Ray, t_max: f32, test: TriangleTest) -> bool {
     any_hit_counted(bvh, triangles, ray, t_max, test, &mut Visits::default())
 }
 
+/// Finds what [`closest_hit`] finds among the hits that `counts` is true for, and adds what the ray
+/// visited to `visits`: objects that are hidden or locked, holes in textures, or the next hit behind
+/// another, since [`Hit::is_before`] orders hits.
+///
+/// ```
+/// use bvh_core::{Aabb, Bvh, Hit, Node, Ray, TriangleTest, Triangles, Vec3, Visits, closest_hit_where};
+///
+/// let positions = [0.0, 1.0, 2.0].map(|z| [Vec3::Z * z, Vec3::X + Vec3::Z * z, Vec3::Y + Vec3::Z * z]);
+/// let indices = [[0, 1, 2], [3, 4, 5], [6, 7, 8]];
+/// let triangles = Triangles { positions: positions.as_flattened(), indices: &indices };
+/// let leaf = Node::leaf(Aabb::new(Vec3::ZERO, Vec3::new(1.0, 1.0, 2.0)), 0, 3);
+/// let bvh = Bvh::new(&[leaf, Node::NOTHING], vec![0, 1, 2])?;
+/// let (ray, test) = (Ray::new(Vec3::new(0.2, 0.2, 5.0), -Vec3::Z), TriangleTest::default());
+/// let (mut visits, mut through, mut last) = (Visits::default(), Vec::new(), None::<Hit>);
+/// let is_behind = |hit: &Hit, last: Option<Hit>| last.is_none_or(|l| l.is_before(hit.t, hit.primitive));
+/// while let Some(hit) =
+///     closest_hit_where(&bvh, &triangles, &ray, 9.0, test, &mut visits, |hit| is_behind(hit, last))
+/// {
+///     through.push((hit.t, hit.primitive));
+///     last = Some(hit);
+/// }
+/// assert_eq!(through, [(3.0, 2), (4.0, 1), (5.0, 0)]);
+/// # Ok::<(), bvh_core::Malformed>(())
+/// ```
+#[must_use]
+pub fn closest_hit_where(
+    bvh: &Bvh,
+    triangles: &Triangles<'_>,
+    ray: &Ray,
+    t_max: f32,
+    test: TriangleTest,
+    visits: &mut Visits,
+    counts: impl Fn(&Hit) -> bool,
+) -> Option<Hit> {
+    with_test!(test, T => dispatch!(Level::new(), simd =>
+        hit::<_, T, false>(simd, bvh, triangles, ray, t_max, visits, &counts)))
+}
+
 /// Does what [`closest_hit`] does and adds what the ray visited to `visits`.
+///
+/// ```
+/// use bvh_core::{Aabb, Bvh, Node, Ray, TriangleTest, Triangles, Vec3, Visits, closest_hit_counted};
+///
+/// let positions = [Vec3::ZERO, Vec3::X, Vec3::Y];
+/// let triangles = Triangles { positions: &positions, indices: &[[0, 1, 2]] };
+/// let leaf = Node::leaf(Aabb::new(Vec3::ZERO, Vec3::new(1.0, 1.0, 0.0)), 0, 1);
+/// let bvh = Bvh::new(&[leaf, Node::NOTHING], vec![0])?;
+/// let (ray, test) = (Ray::new(Vec3::new(0.25, 0.5, 3.0), -Vec3::Z), TriangleTest::default());
+/// let mut visits = Visits::default();
+/// assert!(closest_hit_counted(&bvh, &triangles, &ray, f32::INFINITY, test, &mut visits).is_some());
+/// assert_eq!((visits.queries, visits.nodes, visits.primitives), (1, 0, 1));
+/// # Ok::<(), bvh_core::Malformed>(())
+/// ```
 #[must_use]
 pub fn closest_hit_counted(
     bvh: &Bvh,

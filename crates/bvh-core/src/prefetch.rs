@@ -1,4 +1,4 @@
-//! Cache prefetch: the only unsafe block of this crate.
+//! Cache prefetch: the only unsafe block of this crate outside of tests.
 
 /// Asks the processor to load the cache line of the first byte of `slice[i]`.
 ///

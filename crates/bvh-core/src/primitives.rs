@@ -9,7 +9,8 @@ use crate::{Aabb, prefetch};
 /// Primitives are numbered from 0. Builders and updates ask for a box whenever they need it, so an
 /// implementation can compute boxes from vertices; a build copies boxes while it runs, and nobody
 /// keeps a second array of them. Boxes may change from update to update. A tree over another number
-/// of primitives is a new tree.
+/// of primitives is a new tree; where primitives come and go, [`Aabb::EMPTY`] keeps a number free
+/// without that: no query finds it.
 ///
 /// An implementation gives [`len`](Self::len) and [`bounds`](Self::bounds). Any box will do: the
 /// library asks through [`aabb`](Self::aabb), which drops boxes that are not finite.
@@ -163,8 +164,8 @@ impl<P: Primitives + ?Sized> Primitives for Box<P> {
 /// assert_eq!(triangles.aabb(0), Aabb::new(Vec3::ZERO, Vec3::new(1.0, 1.0, 0.0)));
 /// assert!(triangles.aabb(1).is_empty());
 ///
-/// let flat = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
-/// let same = Triangles::from_flat(&flat, &[0, 1, 2]).expect("multiples of three");
+/// let arrays = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+/// let same = Triangles::from_flat(arrays.as_flattened(), &[0, 1, 2]).expect("multiples of three");
 /// assert_eq!(same.aabb(0), triangles.aabb(0));
 /// ```
 #[derive(Clone, Copy, Debug)]
@@ -177,7 +178,8 @@ pub struct Triangles<'a> {
 
 impl<'a> Triangles<'a> {
     /// Makes triangles from flat arrays: three coordinates a vertex, three vertex numbers a
-    /// triangle. `None` if the length of either is no multiple of three.
+    /// triangle. `None` if the length of either is no multiple of three. Arrays of arrays, such as
+    /// `&[[f32; 3]]`, are flat by `as_flattened()`.
     #[must_use]
     pub fn from_flat(positions: &'a [f32], indices: &'a [u32]) -> Option<Self> {
         let (indices, rest) = indices.as_chunks();

@@ -1,14 +1,15 @@
 //! Queries through closures: overlapping boxes, overlapping pairs, rays, nearest primitive.
 
-use std::ops::ControlFlow;
+use std::ops::{AddAssign, ControlFlow};
 
 use crate::{Aabb, Bvh, MAX_HEIGHT, Node, Primitives, Ray};
 
 /// Entries of a stack that keeps one node for each level.
 const STACK: usize = MAX_HEIGHT as usize + 1;
 
-/// The work of queries: what they cost, in the unit of the SAH.
+/// The work of queries: what they cost, in the unit of the SAH. Sums are those of several queries.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Visits {
     /// Number of queries.
     pub queries: u64,
@@ -16,6 +17,14 @@ pub struct Visits {
     pub nodes: u64,
     /// Primitives tested by them.
     pub primitives: u64,
+}
+
+impl AddAssign for Visits {
+    fn add_assign(&mut self, other: Self) {
+        self.queries += other.queries;
+        self.nodes += other.nodes;
+        self.primitives += other.primitives;
+    }
 }
 
 impl Bvh {
@@ -91,20 +100,105 @@ impl Bvh {
     pub fn for_each_pair<P: Primitives + ?Sized>(
         &self,
         primitives: &P,
+        found: impl FnMut(usize, usize) -> ControlFlow<()>,
+    ) -> Visits {
+        self.walk_pairs::<_, _, true>(primitives, self, primitives, |_, _| true, found)
+    }
+
+    /// Does what [`for_each_pair`](Self::for_each_pair) does, but leaves out the pairs of two leaves
+    /// that are both static ([`set_dynamic`](Self::set_dynamic)): where few primitives are awake, it
+    /// looks at few nodes.
+    ///
+    /// # Panics
+    /// As [`for_each_pair`](Self::for_each_pair).
+    ///
+    /// ```
+    /// use bvh_core::{Aabb, Bvh, Node, Vec3};
+    /// use std::ops::ControlFlow;
+    ///
+    /// let boxes = [Aabb::new(Vec3::ZERO, Vec3::ONE); 3];
+    /// let leaf = |slot| Node::leaf(boxes[0], slot, 1);
+    /// let ab = Node::parent(&leaf(0), &leaf(1), 4);
+    /// let nodes = [Node::parent(&ab, &leaf(2), 2), Node::NOTHING, ab, leaf(2), leaf(0), leaf(1)];
+    /// let mut bvh = Bvh::new(&nodes, vec![0, 1, 2])?;
+    /// bvh.set_dynamic(|p| p == 2);
+    /// let mut pairs = 0;
+    /// bvh.for_each_dynamic_pair(&boxes, |a, b| {
+    ///     assert!(a == 2 || b == 2);
+    ///     pairs += 1;
+    ///     ControlFlow::Continue(())
+    /// });
+    /// assert_eq!(pairs, 2);
+    /// # Ok::<(), bvh_core::Malformed>(())
+    /// ```
+    pub fn for_each_dynamic_pair<P: Primitives + ?Sized>(
+        &self,
+        primitives: &P,
+        found: impl FnMut(usize, usize) -> ControlFlow<()>,
+    ) -> Visits {
+        let is_wanted = |a: &Node, b: &Node| a.is_dynamic() || b.is_dynamic();
+        self.walk_pairs::<_, _, true>(primitives, self, primitives, is_wanted, found)
+    }
+
+    /// Calls `found` once with each pair of a primitive of this tree and one of the tree `other`
+    /// whose boxes overlap (touching counts), until it breaks: what moves against a static world,
+    /// say.
+    ///
+    /// `primitives` are those of the last update of this tree, `others` those of the other; else as
+    /// [`for_each_pair`](Self::for_each_pair).
+    ///
+    /// # Panics
+    /// May panic if there are fewer `primitives` or `others` than the trees hold.
+    ///
+    /// ```
+    /// use bvh_core::{Aabb, Bvh, Node, Vec3};
+    /// use std::ops::ControlFlow;
+    ///
+    /// let unit = Aabb::new(Vec3::ZERO, Vec3::ONE);
+    /// let (ball, world) = ([unit], [Aabb::new(Vec3::X * 9.0, Vec3::X * 10.0), unit.grown(5.0)]);
+    /// let tree = Bvh::new(&[Node::leaf(ball[0], 0, 1), Node::NOTHING], vec![0])?;
+    /// let all = world[0].union(world[1]);
+    /// let world_tree = Bvh::new(&[Node::leaf(all, 0, 2), Node::NOTHING], vec![0, 1])?;
+    /// let mut pairs = Vec::new();
+    /// tree.for_each_pair_between(&ball, &world_tree, &world, |a, b| {
+    ///     pairs.push((a, b));
+    ///     ControlFlow::Continue(())
+    /// });
+    /// assert_eq!(pairs, [(0, 1)]);
+    /// # Ok::<(), bvh_core::Malformed>(())
+    /// ```
+    pub fn for_each_pair_between<P: Primitives + ?Sized, Q: Primitives + ?Sized>(
+        &self,
+        primitives: &P,
+        other: &Self,
+        others: &Q,
+        found: impl FnMut(usize, usize) -> ControlFlow<()>,
+    ) -> Visits {
+        self.walk_pairs::<_, _, false>(primitives, other, others, |_, _| true, found)
+    }
+
+    /// The pairs of this tree and another, or if `WITHIN` those within this tree, which is the other
+    /// then, too. Pairs of nodes that are not wanted are left out with all below them.
+    fn walk_pairs<P: Primitives + ?Sized, Q: Primitives + ?Sized, const WITHIN: bool>(
+        &self,
+        primitives: &P,
+        other: &Self,
+        others: &Q,
+        is_wanted: impl Fn(&Node, &Node) -> bool,
         mut found: impl FnMut(usize, usize) -> ControlFlow<()>,
     ) -> Visits {
-        let nodes = self.nodes();
         let mut visits = Visits { queries: 1, ..Visits::default() };
-        // Two equal numbers stand for the pairs within a subtree. Of those one pends for each level
-        // above and two at the present level; below them pend two different nodes, one for each
-        // level of either.
+        // Within a tree two equal numbers stand for the pairs within a subtree. Of those one pends
+        // for each level above and two at the present level; below them pend two different nodes,
+        // one for each level of either.
         let mut stack = [(0, 0); 2 * STACK];
         let mut top = 1;
         while top > 0 {
             top -= 1;
             let (a, b) = stack[top];
-            let (na, nb) = (&nodes[a as usize], &nodes[b as usize]);
-            if a != b && !na.aabb().overlaps(&nb.aabb()) {
+            let (na, nb) = (&self.nodes()[a as usize], &other.nodes()[b as usize]);
+            let is_one = WITHIN && a == b;
+            if !is_wanted(na, nb) || (!is_one && !na.aabb().overlaps(&nb.aabb())) {
                 continue;
             }
             let mut push = |pair| {
@@ -114,8 +208,8 @@ impl Bvh {
             let (l, r) = (na.first() as u32, na.first() as u32 + 1);
             // The larger one, so that the boxes compared stay alike in size.
             let opens_a =
-                !na.is_leaf() && (a == b || nb.is_leaf() || na.aabb().half_area() >= nb.aabb().half_area());
-            if opens_a && a == b {
+                !na.is_leaf() && (is_one || nb.is_leaf() || na.aabb().half_area() >= nb.aabb().half_area());
+            if opens_a && is_one {
                 [(l, l), (r, r), (l, r)].into_iter().for_each(&mut push);
             } else if opens_a {
                 [(l, b), (r, b)].into_iter().for_each(&mut push);
@@ -123,14 +217,12 @@ impl Bvh {
                 let first = nb.first() as u32;
                 [(a, first), (a, first + 1)].into_iter().for_each(&mut push);
             } else {
-                let aabb = |leaf: &Node, p: u32| {
-                    if leaf.count() == 1 { leaf.aabb() } else { primitives.aabb(p as usize) }
-                };
                 for (i, &x) in self.primitives(na).iter().enumerate() {
-                    let own = aabb(na, x);
-                    for &y in &self.primitives(nb)[if a == b { i + 1 } else { 0 }..] {
+                    let own = if na.count() == 1 { na.aabb() } else { primitives.aabb(x as usize) };
+                    for &y in &other.primitives(nb)[if is_one { i + 1 } else { 0 }..] {
                         visits.primitives += 1;
-                        if own.overlaps(&aabb(nb, y)) && found(x as usize, y as usize).is_break() {
+                        let its = if nb.count() == 1 { nb.aabb() } else { others.aabb(y as usize) };
+                        if own.overlaps(&its) && found(x as usize, y as usize).is_break() {
                             return visits;
                         }
                     }
@@ -201,6 +293,10 @@ impl Bvh {
     /// unit will do, squared distances too, and distances may be negative. A NaN is never nearer.
     /// Of equal distances the first one met is taken. O(log n) for scattered primitives, O(n) at
     /// worst. Allocates nothing.
+    ///
+    /// To ask whether anything is within `max`, give negative infinity as the distance of the first
+    /// primitive that is: nothing is nearer, so the walk ends. To ask for what meets a shape other
+    /// than a box, such as a frustum, give 0 for boxes that may meet it and infinity for others.
     ///
     /// ```
     /// use bvh_core::{Aabb, Bvh, Node, Vec3};

@@ -131,18 +131,18 @@ impl Keeper {
     /// # Errors
     /// If the number of triangles is not that of the tree.
     pub fn update(&mut self, bvh: &mut Bvh, triangles: &Triangles<'_>) -> Result<Update, UpdateError> {
-        let update = self.refit.update(bvh, triangles)?;
+        let mut update = self.refit.update(bvh, triangles)?;
         let subtrees = match &mut self.state {
             State::Restructure(system) => system.update(bvh),
             State::Divergent(system) => system.update(bvh)?,
             State::Decomposition(system) => system.update(bvh)?,
             State::TSah => 0,
         };
-        let decision = match subtrees {
-            0 => update.decision,
-            subtrees => Decision::PartialRebuild { subtrees },
-        };
-        Ok(Update { decision, sah_cost: None, height: bvh.height(), ..update })
+        if subtrees > 0 {
+            update.decision = Decision::PartialRebuild { subtrees };
+        }
+        (update.sah_cost, update.height) = (None, bvh.height());
+        Ok(update)
     }
 }
 

@@ -7,6 +7,7 @@ use thiserror::Error;
 
 /// What an update did.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
 pub struct Update {
     /// Whether the whole tree is a new one. Primitives sorted by the old tree's leaves are then in
     /// another order; [`reorder_primitives`](bvh_core::Bvh::reorder_primitives) sorts them again.
@@ -24,11 +25,12 @@ pub struct Update {
     /// [`sah_cost`](bvh_core::sah_cost), but from `f32` areas unless some may leave the range of
     /// `f32`. After rotations that remove most of the cost in one update it is less exact, since
     /// rounded changes are added to the cost before. `None` after a rebuild or a partial rebuild; a
-    /// tree from the background is refitted, so it has one.
+    /// tree from the background is refitted, so it can have one.
     pub sah_cost: Option<f64>,
     /// Height of the tree as it is now.
     pub height: u32,
-    /// Nodes whose boxes the update recomputed: all of a new tree, none of one that was given up.
+    /// Nodes whose boxes the update recomputed: all of a new tree, none of one that was given up. No
+    /// measure of an update's work, since a pass and a build of the same tree count alike.
     /// [`Load`](crate::Load) asks for another number, the nodes that queries visit.
     pub nodes_visited: u64,
     /// Primitives without finite coordinates, which are dropped at present: of those visited, or

@@ -58,6 +58,7 @@ impl Default for Strategy {
 
 /// The budget of insertion-based repair.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Reinsertion {
     /// The budget of rotations, if any are wanted.
     pub rotate: Option<Rotate>,

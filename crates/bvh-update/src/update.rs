@@ -61,6 +61,22 @@ impl Updater {
 
     /// Makes an updater that uses `level`, or the best below it that the machine has. Every level
     /// leaves the same tree.
+    ///
+    /// ```
+    /// use bvh_build::{Builder, build};
+    /// use bvh_core::{Aabb, SimdLevel, Vec3};
+    /// use bvh_update::{Strategy, Updater};
+    ///
+    /// let boxes = [0.0, 2.0, 5.0].map(|x| Aabb::new(Vec3::X * x, Vec3::X * x + 1.0));
+    /// let trees = SimdLevel::available().map(|level| {
+    ///     let mut bvh = build(&boxes, Builder::Sweep)?;
+    ///     Updater::with_level(Strategy::default(), level).update(&mut bvh, &boxes)?;
+    ///     Ok(bvh.fingerprint())
+    /// });
+    /// let trees = trees.collect::<Result<Vec<_>, Box<dyn std::error::Error>>>()?;
+    /// assert!(trees.iter().all(|tree| *tree == trees[0]));
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     #[must_use]
     pub fn with_level(strategy: Strategy, level: SimdLevel) -> Self {
         let passes = PassOptions::with_level(level);
@@ -75,8 +91,10 @@ impl Updater {
     }
 
     /// Reports what is asked of the tree between two updates, for [`Strategy::Auto`]. It holds for
-    /// every update until the next report, in the place of [`Auto::load`], which is two million
-    /// rays in packets unless set otherwise. `None` takes earlier reports back.
+    /// every update until the next report, which replaces it, and stands in the place of
+    /// [`Auto::load`]: two million rays in packets unless set otherwise. Who casts single rays, as
+    /// [`closest_hit`](bvh_core::closest_hit) does, should report [`Load::SingleRays`] or their
+    /// [visits](bvh_core::Visits). `None` takes earlier reports back.
     pub fn report(&mut self, load: impl Into<Option<Load>>) {
         self.load = load.into();
     }
@@ -194,6 +212,17 @@ impl fmt::Debug for Updater {
 
 /// Refits all boxes to the primitives' new positions, structure fixed; see [`Updater::update`].
 /// Uses the threads' memory, as an updater does ([`Updater::THREAD_MEMORY`]).
+///
+/// ```
+/// use bvh_build::{Builder, build};
+/// use bvh_core::{Aabb, Vec3};
+///
+/// let at = |x: f32| Aabb::new(Vec3::new(x, 0.0, 0.0), Vec3::new(x + 1.0, 1.0, 1.0));
+/// let mut bvh = build(&[at(0.0), at(1.0)], Builder::Sweep)?;
+/// bvh_update::refit(&mut bvh, &[at(0.0), at(9.0)])?;
+/// assert_eq!(bvh.root().aabb().max.x, 10.0);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
 /// If the number of primitives is not that of the tree.

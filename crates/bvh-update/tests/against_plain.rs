@@ -33,7 +33,9 @@ fn tree(boxes: &[Aabb], max_leaf_size: u32) -> Bvh {
     build_with(boxes, Builder::Binned, &options).expect("few enough")
 }
 
-const ROTATE: Strategy = Strategy::RefitRotate(Rotate { period: 1 });
+fn rotating() -> Strategy {
+    Strategy::RefitRotate(Rotate::default())
+}
 
 fn reporting(level: SimdLevel) -> Updater {
     let mut updater = Updater::with_level(Strategy::default(), level);
@@ -60,7 +62,11 @@ fn check(
         let moved = boxes(n, seed, frame as f32 * step);
         start.iter().zip(moved).enumerate().map(|(i, (s, m))| if moves(i) { m } else { *s }).collect()
     };
-    let budgets = [1, 2, 5].map(|period| Rotate { period });
+    let budgets = [1, 2, 5].map(|period| {
+        let mut budget = Rotate::default();
+        budget.period = period;
+        budget
+    });
     let rotating = budgets.map(|rotate| (Strategy::RefitRotate(rotate), Some(rotate)));
     for (strategy, rotate) in [(Strategy::Refit, None)].into_iter().chain(rotating) {
         let mut expected = tree(&start, max_leaf_size);
@@ -155,7 +161,7 @@ fn same_tree_with_boxes_of_all_sizes() {
                 huge += usize::from(node.aabb().half_area() == f32::INFINITY);
             });
             for (level, bvh, updater) in &mut contestants {
-                let done = updater.set_strategy(ROTATE).update(bvh, &now).expect("same count");
+                let done = updater.set_strategy(rotating()).update(bvh, &now).expect("same count");
                 let (of, by_plain) = ((bvh.fingerprint(), done.rotations), (expected.fingerprint(), applied));
                 assert_eq!(of, by_plain, "{n} {seed} {level:?}, frame {frame}");
             }
@@ -177,7 +183,7 @@ fn same_tree_with_empty_leaves() {
     ];
     for (nodes, level) in trees.into_iter().flat_map(|nodes| SimdLevel::available().map(move |l| (nodes, l)))
     {
-        for (strategy, rotate) in [(Strategy::Refit, None), (ROTATE, Some(Rotate::default()))] {
+        for (strategy, rotate) in [(Strategy::Refit, None), (rotating(), Some(Rotate::default()))] {
             let mut bvh = Bvh::new(nodes, vec![0, 1]).expect("valid");
             let mut expected = bvh.clone();
             for frame in 1..4 {
@@ -206,13 +212,13 @@ fn static_subtrees_are_not_visited() {
     let start = boxes(20_000, 1, 0.0);
     let mut bvh = tree(&start, 1);
     let mut updater = reporting(SimdLevel::best());
-    let all = updater.set_strategy(ROTATE).update(&mut bvh, &start).expect("same count");
+    let all = updater.set_strategy(rotating()).update(&mut bvh, &start).expect("same count");
     assert_eq!(all.nodes_visited as usize, 2 * 20_000 - 1);
     bvh.set_dynamic(|p| p == 77);
-    let one = updater.set_strategy(ROTATE).update(&mut bvh, &start).expect("same count");
+    let one = updater.set_strategy(rotating()).update(&mut bvh, &start).expect("same count");
     assert!(one.nodes_visited <= u64::from(bvh.height()) + 1, "visited {}", one.nodes_visited);
     bvh.set_dynamic(|_| false);
-    let none = updater.set_strategy(ROTATE).update(&mut bvh, &start).expect("same count");
+    let none = updater.set_strategy(rotating()).update(&mut bvh, &start).expect("same count");
     assert_eq!(none.nodes_visited, 0);
     let (report, cost) = (none.sah_cost.expect("known"), sah_cost(&bvh));
     assert!((report - cost).abs() < 1e-6 * cost, "report {report}, is {cost}");
@@ -225,7 +231,7 @@ fn rotations_happen_where_they_are_needed_and_lower_the_cost() {
     let mut rotated = refitted.clone();
     let mut updater = reporting(SimdLevel::best());
     let refit = updater.set_strategy(Strategy::Refit).update(&mut refitted, &end).expect("same count");
-    let rotate = updater.set_strategy(ROTATE).update(&mut rotated, &end).expect("same count");
+    let rotate = updater.set_strategy(rotating()).update(&mut rotated, &end).expect("same count");
     assert!(refit.rotations_applied() == 0 && rotate.rotations_applied() > 500);
     assert!(rotate.rotations.iter().all(|&kind| kind > 0), "{:?}", rotate.rotations);
     assert!(rotate.sah_cost < refit.sah_cost.map(|c| 0.8 * c));
@@ -238,7 +244,7 @@ fn a_still_scene_converges_and_stays() {
     let mut updater = reporting(SimdLevel::best());
     let mut cost = f64::INFINITY;
     for pass in 0.. {
-        let done = updater.set_strategy(ROTATE).update(&mut bvh, &end).expect("same count");
+        let done = updater.set_strategy(rotating()).update(&mut bvh, &end).expect("same count");
         assert!(sah_cost(&bvh) <= cost, "a rotation raised the cost");
         cost = sah_cost(&bvh);
         if done.rotations_applied() == 0 {
@@ -247,13 +253,13 @@ fn a_still_scene_converges_and_stays() {
         assert!(pass < 200, "still rotating after {pass} passes over a still scene");
     }
     let settled = bvh.fingerprint();
-    updater.set_strategy(ROTATE).update(&mut bvh, &end).expect("same count");
+    updater.set_strategy(rotating()).update(&mut bvh, &end).expect("same count");
     assert_eq!(bvh.fingerprint(), settled);
 }
 
 #[test]
 fn blocks_are_recorded_once_asked_for_and_taken_once() {
-    let (mut bvh, mut updater) = (tree(&boxes(20_000, 1, 0.0), 1), Updater::new(ROTATE));
+    let (mut bvh, mut updater) = (tree(&boxes(20_000, 1, 0.0), 1), Updater::new(rotating()));
     let mut blocks = |updater: &mut Updater| {
         updater.update(&mut bvh, &boxes(20_000, 1, 5.0)).expect("same count");
         updater.take_costs().iter().map(|cost| cost.parent).collect::<Vec<_>>()
@@ -280,7 +286,7 @@ fn reordered_primitives_give_the_same_tree() {
             // Some have no box in the second frame.
             now.iter_mut().step_by(100).filter(|_| frame == 2).for_each(|b| b.max.y = f32::NAN);
             let arranged: Vec<_> = map.iter().map(|&p| now[p as usize]).collect();
-            for strategy in [Strategy::Refit, ROTATE] {
+            for strategy in [Strategy::Refit, rotating()] {
                 let updater = updater.set_strategy(strategy);
                 let of_plain = updater.update(&mut plain_numbers, &now).expect("same count");
                 let of_ordered = updater.update(&mut in_order, &arranged).expect("same count");
@@ -304,7 +310,7 @@ fn primitives_that_are_not_finite_are_dropped_and_come_back() {
         let mut bvh = tree(&start, max_leaf_size);
         let mut expected = bvh.clone();
         let mut updater = reporting(level);
-        for (strategy, rotate) in [(Strategy::Refit, None), (ROTATE, Some(Rotate::default()))] {
+        for (strategy, rotate) in [(Strategy::Refit, None), (rotating(), Some(Rotate::default()))] {
             for (now, dropped) in [(&broken, 20), (&start, 0)] {
                 let done = updater.set_strategy(strategy).update(&mut bvh, now).expect("same count");
                 plain::update(&mut expected, now, rotate);
@@ -324,7 +330,7 @@ fn costs_are_reported_where_areas_are_no_f32() {
         let scaled = |b: &Aabb| Aabb::new(b.min * unit, b.max * unit);
         let small: Vec<_> = boxes(2000, 6, 0.0).iter().map(scaled).collect();
         let mut bvh = tree(&small, 1);
-        let reported = reporting(SimdLevel::best()).set_strategy(ROTATE).update(&mut bvh, &small);
+        let reported = reporting(SimdLevel::best()).set_strategy(rotating()).update(&mut bvh, &small);
         let (reported, cost) = (reported.expect("same count").sah_cost.expect("asked for"), sah_cost(&bvh));
         assert!((reported - cost).abs() < 1e-4 * cost, "{unit}: {reported} for {cost}");
     }

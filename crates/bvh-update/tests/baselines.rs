@@ -29,8 +29,9 @@ fn bodies_that_fall_asleep_in_each_frame_hide_no_damage() {
         (repairs, over_fresh(&bvh, &burst(1.0)))
     };
     let (_, refitted) = play(Strategy::Refit, false);
-    let regrow = PartialRebuild { rotate: None, ..PartialRebuild::default() };
-    for strategy in [Strategy::Auto(Auto::default()), Strategy::PartialRebuild(regrow)] {
+    let mut without_rotations = PartialRebuild::default();
+    without_rotations.rotate = None;
+    for strategy in [Strategy::Auto(Auto::default()), Strategy::PartialRebuild(without_rotations)] {
         let [awake, asleep] = [false, true].map(|falls_asleep| play(strategy, falls_asleep));
         assert!(refitted > 2.0 && awake.1 < 1.2 && asleep.1 < 1.2, "{refitted}, {awake:?}, {asleep:?}");
         assert!(asleep.0 > 0 && asleep.0.abs_diff(awake.0) < 5, "{}: {awake:?}, {asleep:?}", strategy.name());
@@ -38,7 +39,9 @@ fn bodies_that_fall_asleep_in_each_frame_hide_no_damage() {
 }
 
 fn auto(rays: u64) -> Strategy {
-    Strategy::Auto(Auto { load: Load::PacketRays(rays) })
+    let mut auto = Auto::default();
+    auto.load = Load::PacketRays(rays);
+    Strategy::Auto(auto)
 }
 
 /// A sheet that trembles for 10,000 frames, and then bursts, so that its tree costs twice as much:

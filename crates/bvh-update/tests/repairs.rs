@@ -72,11 +72,29 @@ fn is_repair(decision: &Decision) -> bool {
     is_rebuild(decision) || matches!(decision, Decision::PartialRebuild { .. } | Decision::Kept { .. })
 }
 
+fn auto(load: Load) -> Strategy {
+    let mut auto = Auto::default();
+    auto.load = load;
+    Strategy::Auto(auto)
+}
+
+fn degraded(threshold: f64) -> Strategy {
+    let mut degraded = Degraded::default();
+    degraded.threshold = threshold;
+    Strategy::Degraded(degraded)
+}
+
+fn partial(rotate: Option<Rotate>) -> Strategy {
+    let mut partial = PartialRebuild::default();
+    partial.rotate = rotate;
+    Strategy::PartialRebuild(partial)
+}
+
 #[test]
 fn partial_rebuilds_keep_a_burst_nearly_as_good_as_new() {
     let (_, refitted) = play(Strategy::Refit, |_| true);
     for rotate in [None, Some(Rotate::default())] {
-        let strategy = Strategy::PartialRebuild(PartialRebuild { rotate, ..PartialRebuild::default() });
+        let strategy = partial(rotate);
         let (decisions, worst) = play(strategy, |_| true);
         assert!(regrown(&decisions) > 0, "{}: {decisions:?}", strategy.name());
         assert!(worst < 1.25, "{worst} with {}", strategy.name());
@@ -109,12 +127,10 @@ fn partial_rebuilds_keep_static_primitives_static() {
 
 #[test]
 fn a_degraded_tree_is_rebuilt() {
-    let degraded = Degraded { threshold: 0.02, ..Degraded::default() };
-    let (decisions, worst) = play(Strategy::Degraded(degraded), |_| true);
+    let (decisions, worst) = play(degraded(0.02), |_| true);
     let rebuilds = decisions.iter().filter(|d| is_rebuild(d)).count();
     assert!((1..20).contains(&rebuilds), "{rebuilds} rebuilds");
-    let never = Degraded { threshold: f64::INFINITY, ..Degraded::default() };
-    let (decisions, refitted) = play(Strategy::Degraded(never), |_| true);
+    let (decisions, refitted) = play(degraded(f64::INFINITY), |_| true);
     assert!(decisions.iter().all(|d| *d == Decision::AsAlways));
     assert!(worst < refitted);
 }
@@ -127,11 +143,10 @@ fn new_trees_have_no_larger_leaves_than_those_they_replace_but_as_large_ones() {
         (0..N).map(|i| boxes[i / 2]).collect()
     };
     let largest = |bvh: &Bvh| bvh.nodes().iter().map(bvh_core::Node::count).max();
-    let degraded = Degraded { threshold: 0.0, ..Degraded::default() };
     let strategies = [
         Strategy::Auto(Auto::default()),
         Strategy::PartialRebuild(PartialRebuild::default()),
-        Strategy::Degraded(degraded),
+        degraded(0.0),
         Strategy::Background(Background::default()),
     ];
     for (strategy, max_leaf_size) in strategies.iter().flat_map(|s| [(s, 1), (s, 2)]) {
@@ -152,17 +167,18 @@ fn new_trees_have_no_larger_leaves_than_those_they_replace_but_as_large_ones() {
 #[test]
 fn reinserting_helps_a_burst() {
     let (_, refitted) = play(Strategy::Refit, |_| true);
-    let strategy = Strategy::Reinsert(Reinsertion { rotate: None, part: 0.05 });
-    let (_, worst) = play(strategy, |i| i % 3 > 0);
+    let mut reinsertion = Reinsertion::default();
+    (reinsertion.rotate, reinsertion.part) = (None, 0.05);
+    let (_, worst) = play(Strategy::Reinsert(reinsertion), |i| i % 3 > 0);
     assert!(worst < 0.7 * refitted, "{worst} for {refitted}");
 }
 
 #[test]
 fn auto_repairs_a_burst_where_rays_pay_for_it() {
-    let (decisions, worst) = play(Strategy::Auto(Auto { load: Load::PacketRays(2 << 20) }), |_| true);
+    let (decisions, worst) = play(auto(Load::PacketRays(2 << 20)), |_| true);
     assert!(regrown(&decisions) > 0 && worst < 1.3, "{worst}: {decisions:?}");
     // Without any load the tree does not rot.
-    let (_, worst) = play(Strategy::Auto(Auto { load: Load::PacketRays(0) }), |_| true);
+    let (_, worst) = play(auto(Load::PacketRays(0)), |_| true);
     assert!(worst < 2.0, "{worst}");
 }
 
@@ -190,7 +206,7 @@ fn auto_stops_looking_in_chaos_and_rests_where_nothing_moves() {
 
 #[test]
 fn the_more_rays_the_more_auto_repairs_and_the_better_the_builder() {
-    let play_with = |rays| play(Strategy::Auto(Auto { load: Load::PacketRays(rays) }), |_| true);
+    let play_with = |rays| play(auto(Load::PacketRays(rays)), |_| true);
     let repairs = [1 << 8, 1 << 14, 2 << 20].map(|rays| {
         let (decisions, worst) = play_with(rays);
         (decisions.iter().filter(|d| is_repair(d)).count(), worst)
@@ -205,7 +221,7 @@ fn the_more_rays_the_more_auto_repairs_and_the_better_the_builder() {
         let decisions: Vec<_> = (1..=8)
             .map(|step| {
                 let boxes = chaos(step);
-                let strategy = Strategy::Auto(Auto { load: Load::PacketRays(rays) });
+                let strategy = auto(Load::PacketRays(rays));
                 updater.set_strategy(strategy).update(&mut bvh, boxes.as_slice()).expect("updated").decision
             })
             .collect();
@@ -225,7 +241,7 @@ fn shape(bvh: &Bvh) -> Vec<(usize, Aabb, u32, bool)> {
 #[test]
 fn a_tree_that_costs_little_more_than_a_new_one_is_refitted_and_rotated() {
     let moves = |i: usize| !i.is_multiple_of(3);
-    let strategy = Strategy::Auto(Auto { load: Load::PacketRays(2 << 20) });
+    let strategy = auto(Load::PacketRays(2 << 20));
     let (mut bvh, mut kept) = (tree(&burst(0.0)), 0);
     bvh.set_dynamic(moves);
     let mut updater = Updater::new(strategy);
@@ -257,7 +273,7 @@ fn a_tree_that_costs_little_more_than_a_new_one_is_refitted_and_rotated() {
 
 #[test]
 fn a_fast_build_is_compared_with_a_good_one_once_the_chaos_is_over() {
-    let strategy = Strategy::Auto(Auto { load: Load::PacketRays(1 << 13) });
+    let strategy = auto(Load::PacketRays(1 << 13));
     let mut bvh = tree(&chaos(0));
     let mut updater = Updater::default();
     let mut decide =
@@ -303,7 +319,7 @@ fn static_primitives_stay_static_in_every_new_tree() {
 fn reported_loads_take_the_place_of_that_of_auto() {
     let [few, many] = [1 << 13, 2 << 20].map(Load::PacketRays);
     let play = |load, reports: &[Option<Load>]| {
-        let (mut bvh, mut updater) = (tree(&chaos(0)), Updater::new(Strategy::Auto(Auto { load })));
+        let (mut bvh, mut updater) = (tree(&chaos(0)), Updater::new(auto(load)));
         reports.iter().for_each(|&load| updater.report(load));
         [1, 2, 3, 4, 5, 6].map(|step| {
             let report = updater.update(&mut bvh, &chaos(step)).expect("updated");
@@ -318,9 +334,8 @@ fn reported_loads_take_the_place_of_that_of_auto() {
 #[test]
 fn a_strategy_does_not_trust_what_another_has_measured() {
     // The ratio that one goes by is below 1, the sum of areas that the other goes by far above.
-    let grown = Strategy::PartialRebuild(PartialRebuild { rotate: None, ..PartialRebuild::default() });
-    let degraded = Strategy::Degraded(Degraded::default());
-    for [first, second] in [[grown, degraded], [degraded, grown]] {
+    let (areas, ratios) = (partial(None), Strategy::Degraded(Degraded::default()));
+    for [first, second] in [[areas, ratios], [ratios, areas]] {
         let mut bvh = tree(&burst(0.0));
         let mut updater = Updater::default();
         let mut report = |time: f32, strategy: &Strategy| {
@@ -339,18 +354,28 @@ fn a_strategy_does_not_trust_what_another_has_measured() {
 fn decisions_and_reasons_say_what_and_why_in_one_line() {
     let mut bvh = tree(&burst(0.0));
     let mut updater = Updater::default();
+    let mut trees = 0;
     for step in 1..=20 {
         let report = updater.update(&mut bvh, burst(step as f32 / 20.0).as_slice()).expect("updated");
         let reason = report.reason.expect("decided after a pass");
         let line = format!("{}: {reason}", report.decision);
         assert!(line.lines().count() == 1 && line.contains(" ms"), "{line}");
-        if matches!(report.decision, Decision::PartialRebuild { .. }) {
+        // Of a tree that was built, also where a new top was tried first, it is what that tree costs.
+        let builds = matches!(report.decision, Decision::Rebuild { .. } | Decision::Kept { .. });
+        trees += u32::from(builds);
+        if builds || matches!(report.decision, Decision::PartialRebuild { .. }) {
             assert!(reason.lost_ms > reason.price_ms, "{line}");
+        }
+        if builds {
+            let builds_alone = [32.0, 85.0].map(|ns| 1e-6 * ns * bvh.len() as f64);
+            let is_one = |price: f64| builds_alone.iter().any(|p| [p, &(2.0 * p)].contains(&&price));
+            assert!(is_one(reason.price_ms), "{line}, not {builds_alone:?}");
         }
         if reason.lost_ms > reason.price_ms {
             assert_ne!(report.decision, Decision::AsAlways, "{line}");
         }
     }
+    assert!(trees > 0, "no tree was built");
 }
 
 #[test]
@@ -379,7 +404,9 @@ fn trees_from_the_background_take_over_and_none_waits_or_is_mistaken() {
 }
 
 fn trees_take_over(builder: Builder) {
-    let strategy = Strategy::Background(Background { rotate: Some(Rotate::default()), builder });
+    let mut background = Background::default();
+    (background.rotate, background.builder) = (Some(Rotate::default()), builder);
+    let strategy = Strategy::Background(background);
     let mut updater = Updater::default();
     let mut trees = [tree(&burst(0.0)), tree(&chaos(0))];
     let mut swaps = [0; 2];

@@ -127,10 +127,11 @@ impl Stage {
     /// Those of [`Updater::update`].
     pub fn update(&self, tree: &mut Bvh, updater: &mut Updater) -> Result<Update, UpdateError> {
         if self.scene.effects.calls_for(FrameStage::Update) {
-            updater.update(tree, &self.triangles())
-        } else {
-            Ok(Update { height: tree.height(), ..Update::default() })
+            return updater.update(tree, &self.triangles());
         }
+        let mut nothing = Update::default();
+        nothing.height = tree.height();
+        Ok(nothing)
     }
 
     /// Returns positions at `count` times, evenly spread over a loop from its start to its end. The

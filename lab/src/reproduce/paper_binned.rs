@@ -30,16 +30,18 @@ pub(super) fn update(bvh: &mut Bvh, triangles: &Triangles<'_>) -> Result<Update>
         })
         .collect();
     let dropped = items.iter().filter(|item| item.aabb.is_empty()).count() as u64;
+    let mut update = Update::default();
+    (update.rebuilt, update.dropped) = (true, dropped);
     if items.is_empty() {
         *bvh = Bvh::default();
-        return Ok(Update { rebuilt: true, ..Update::default() });
+        return Ok(update);
     }
     let mut nodes = vec![Node::NOTHING; 2];
     nodes.reserve(2 * items.len());
     nodes[0] = grow(&mut items, 0, 0, &mut nodes);
     *bvh = Bvh::new(&nodes, items.iter().map(|item| item.number).collect())?;
-    let nodes_visited = bvh.nodes().len() as u64 - 1;
-    Ok(Update { rebuilt: true, height: bvh.height(), nodes_visited, dropped, ..Update::default() })
+    (update.height, update.nodes_visited) = (bvh.height(), bvh.nodes().len() as u64 - 1);
+    Ok(update)
 }
 
 /// The node over `items`, which fill the slots from `slot` on.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use bvh_core::{Aabb, Bvh, sah_cost};
 use bvh_update::{
-    Decision, Degraded, Load, PartialRebuild, Reinsertion, Rotate, Strategy, Update, UpdateError, Updater,
+    Decision, Degraded, Load, PartialRebuild, Reinsertion, Strategy, Update, UpdateError, Updater,
 };
 use stage::Stage;
 
@@ -18,17 +18,18 @@ use crate::state::Shown;
 const FLASHES: usize = 60;
 
 /// A strategy that tries rotations at each node in one of `period` updates, if it rotates at all.
-fn with_budget(strategy: Strategy, period: u32) -> Strategy {
-    let budget = |rotate: Option<Rotate>| rotate.map(|_| Rotate { period });
-    match strategy {
-        Strategy::RefitRotate(_) => Strategy::RefitRotate(Rotate { period }),
-        Strategy::Degraded(all) => Strategy::Degraded(Degraded { rotate: budget(all.rotate), ..all }),
-        Strategy::PartialRebuild(all) => {
-            Strategy::PartialRebuild(PartialRebuild { rotate: budget(all.rotate), ..all })
-        }
-        Strategy::Reinsert(all) => Strategy::Reinsert(Reinsertion { rotate: budget(all.rotate), ..all }),
-        other => other,
+fn with_budget(mut strategy: Strategy, period: u32) -> Strategy {
+    let rotate = match &mut strategy {
+        Strategy::RefitRotate(rotate) => Some(rotate),
+        Strategy::Degraded(Degraded { rotate, .. })
+        | Strategy::PartialRebuild(PartialRebuild { rotate, .. })
+        | Strategy::Reinsert(Reinsertion { rotate, .. }) => rotate.as_mut(),
+        _ => None,
+    };
+    if let Some(rotate) = rotate {
+        rotate.period = period;
     }
+    strategy
 }
 
 /// What was decided in an update and why, the reason first: lines are cut where the picture ends.

@@ -47,6 +47,7 @@
 use std::time::Duration;
 
 use bvh_build::Builder;
+use bvh_core::Visits;
 
 /// A node that a pass refits and rotates, or that a single query visits.
 const NODE: f64 = 15.0;
@@ -82,7 +83,25 @@ const PACKET_SLOPE: f64 = 0.4;
 /// Rays and pairs are what will be asked before the next update; visits and time are those of the
 /// queries since the last update, and the next ones are expected to take as much. However little is
 /// reported, none at all included, a tree of twice the cost counts as a loss of at least the time
-/// of one update, so that no tree rots.
+/// of one update, so that no tree rots. Where queries of several kinds are asked, their visits add
+/// up.
+///
+/// ```
+/// use bvh_build::{Builder, build};
+/// use bvh_core::{Aabb, Vec3, Visits};
+/// use bvh_update::{Load, Updater};
+/// use std::ops::ControlFlow::Continue;
+///
+/// let boxes: Vec<_> = (0..100).map(|i| Vec3::X * i as f32).map(|p| Aabb::new(p, p + 1.5)).collect();
+/// let mut bvh = build(&boxes, Builder::balanced())?;
+/// let mut updater = Updater::default();
+/// updater.update(&mut bvh, &boxes)?;
+/// let mut visits = Visits::default();
+/// visits += bvh.for_each_pair(&boxes, |_, _| Continue(()));
+/// visits += bvh.for_each_overlap(&boxes, &boxes[7].grown(9.0), |_| Continue(()));
+/// updater.report(Load::from(visits));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Load {
@@ -92,7 +111,8 @@ pub enum Load {
     SingleRays(u64),
     /// All overlapping pairs, once.
     Pairs,
-    /// As many visits of nodes as the queries since the last update report.
+    /// As many visits of nodes as the queries since the last update report
+    /// ([`Visits::nodes`](bvh_core::Visits::nodes)).
     Nodes(u64),
     /// As many visits of nodes as the packets of rays since the last update report. A node that a
     /// packet visits counts once, however many of its rays go there.
@@ -101,6 +121,13 @@ pub enum Load {
     /// times of work on one machine (`auto/cost_model.rs`): where yours is slower, trees are
     /// repaired too often. Visits have no such error.
     Time(Duration),
+}
+
+impl From<Visits> for Load {
+    /// The nodes that single queries visited ([`Load::Nodes`]).
+    fn from(visits: Visits) -> Self {
+        Self::Nodes(visits.nodes)
+    }
 }
 
 /// A load in time: what queries take in a good tree, in nanoseconds, and how much more in a worse

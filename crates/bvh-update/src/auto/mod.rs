@@ -1,25 +1,25 @@
 //! The strategy that chooses, so that updates and queries together take the least time.
 //!
 //! ```text
-//! builder = decide_blindly(ledger)      chaos: a new tree, no pass
-//! seen    = pass(tree, primitives)      refit, rotate, and measure cost and scale
-//! ledger.charge(seen)                   what queries lose to this tree
-//! plan    = decide(ledger, seen)        pure: policy.rs
-//! outcome = execute(plan)               a new top, a new tree, or nothing, where neither costs less
-//! ledger learns from the outcome
+//! builder = decide_blindly(ledger)   chaos: a new tree, no pass
+//! tally   = pass(tree, primitives)   refit and rotate, with sums of areas
+//! seen    = observe(tree, tally)     the excess over the baseline, which falls if the tree got better
+//! ledger.charge(seen)                what queries lose to this tree
+//! plan    = decide(ledger, seen)     pure: policy.rs
+//! outcome = execute(plan)            a new top, a new tree, or nothing, where neither costs less
+//! ledger  = ledger.after(outcome)
 //! ```
 //!
 //! The ledger lies in the tree, so a clone goes on as the original would. Work is priced by
 //! constants (`cost_model.rs`), and queries by what the caller says of them ([`Load`]), so
 //! decisions are reproducible.
 
-use bvh_build::Builder;
 use bvh_core::{Bvh, Primitives};
 
 use crate::quality::{finite_or_zero, take_baseline, take_cost};
 use crate::rebuild::{build_again, build_beside};
 use crate::refit::{Rotate, Tally, parts, pass};
-use crate::repair::{Repaired, open_grown};
+use crate::repair::{Repaired, open_costly};
 use crate::report::{Decision, Update, UpdateError};
 use crate::state::{Baseline, Ledger, Measure, State};
 use crate::workspace::Workspace;
@@ -29,10 +29,12 @@ mod policy;
 
 pub use cost_model::Load;
 use cost_model::QueryCost;
-use policy::{LEAST_GAIN, Observation, Plan, decide, decide_blindly, pays_every_frame};
+use policy::{Observation, Outcome, Plan, Rebuild};
+use policy::{decide, decide_blindly, is_hardly_better, pays_every_frame};
 
 /// Settings of [`Strategy::Auto`](crate::Strategy::Auto).
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Auto {
     /// What will be asked of the tree before the next update; by default two rays in coherent
     /// packets for each pixel of 1024 x 1024. [`Updater::report`](crate::Updater::report) changes
@@ -56,22 +58,29 @@ pub(crate) fn update<P: Primitives + ?Sized>(
 ) -> Result<Update, UpdateError> {
     State::of_mut(parts(bvh).state).expect_measure(Measure::AREAS);
     workspace.passes.with_sums = true;
-    let Ledger { last_excess, frames, .. } = State::of(bvh).ledger;
+    let mut ledger = State::of(bvh).ledger;
     let count = primitives.len() as f64;
-    let queries = QueryCost::new(auto.load, count, last_excess);
+    let queries = QueryCost::new(auto.load, count, ledger.last_excess);
     let is_another_number = primitives.len() != bvh.len();
-    let other = is_another_number.then(|| queries.builder(count, frames));
-    if let Some(builder) = other.or_else(|| decide_blindly(&State::of(bvh).ledger, count, queries)) {
-        return rebuild(bvh, primitives, builder, None, workspace);
-    }
-    take_baseline(bvh);
-    let mut tally = pass(bvh, primitives, Some(Rotate::default()), &workspace.passes);
-    let seen = observe(bvh, &mut tally, queries);
-    let ledger = &mut State::of_mut(parts(bvh).state).ledger;
-    ledger.charge(&seen);
-    let (plan, reason) = decide(ledger, &seen);
-    let update = execute(plan, bvh, primitives, &seen, &mut tally, workspace)?;
-    Ok(Update { reason: Some(reason), ..update })
+    let other = is_another_number.then(|| queries.builder(count, ledger.frames));
+    let (outcome, update) = if let Some(builder) = other.or_else(|| decide_blindly(&ledger, count, queries)) {
+        let update = build_again(bvh, primitives, builder, &mut workspace.rebuild)?;
+        if is_another_number {
+            // It says nothing of the trees before.
+            ledger = Ledger::default();
+        }
+        (Outcome::Rebuilt { builder, is_soon: !is_another_number }, update)
+    } else {
+        take_baseline(bvh);
+        let mut tally = pass(bvh, primitives, Some(Rotate::default()), &workspace.passes);
+        let seen = observe(bvh, &mut tally, queries);
+        // In the tree, since a build may fail.
+        State::of_mut(parts(bvh).state).ledger.charge(&seen);
+        ledger = State::of(bvh).ledger;
+        execute(decide(&ledger, &seen), bvh, primitives, &seen, &mut tally, workspace)?
+    };
+    State::of_mut(parts(bvh).state).ledger = ledger.after(outcome);
+    Ok(update)
 }
 
 /// Notes the scale of the scene and the least cost of the tree, and gives what `decide` needs.
@@ -98,7 +107,7 @@ fn observe(bvh: &mut Bvh, tally: &mut Tally, queries: QueryCost) -> Observation 
     }
 }
 
-/// Does what was decided, and keeps the ledger of it.
+/// Does what was decided.
 fn execute<P: Primitives + ?Sized>(
     plan: Plan,
     bvh: &mut Bvh,
@@ -106,70 +115,46 @@ fn execute<P: Primitives + ?Sized>(
     seen: &Observation,
     tally: &mut Tally,
     workspace: &mut Workspace,
-) -> Result<Update, UpdateError> {
-    let decision = match plan {
-        Plan::Keep => Decision::AsAlways,
-        Plan::Rebuild(builder) => return rebuild(bvh, primitives, builder, Some((tally, seen)), workspace),
-        Plan::Repair { threshold, most, or_rebuild } => {
-            let baseline: Baseline = State::of(bvh).baseline;
-            let repaired = open_grown(
-                bvh,
-                tally,
-                threshold * baseline.unit(baseline.scale),
-                most,
-                &mut workspace.repair,
-            );
-            let ledger = &mut State::of_mut(parts(bvh).state).ledger;
-            match (repaired, or_rebuild) {
-                (Repaired::Top { subtrees }, _) => {
-                    ledger.repaired(subtrees);
-                    return Ok(Update {
-                        decision: Decision::PartialRebuild { subtrees },
-                        ..tally.report(bvh)
-                    });
+) -> Result<(Outcome, Update), UpdateError> {
+    let (outcome, decision, reason) = match plan {
+        Plan::Keep(reason) => (Outcome::Nothing, Decision::AsAlways, reason),
+        Plan::Rebuild(new) => return rebuild_if_better(new, bvh, primitives, seen, tally, workspace),
+        Plan::Repair { threshold, most, reason, or_rebuild } => {
+            let Baseline { scale, .. } = State::of(bvh).baseline;
+            let threshold = threshold * State::of(bvh).baseline.unit(scale);
+            match (open_costly(bvh, tally, threshold, most, &mut workspace.repair), or_rebuild) {
+                (top @ Repaired::Top { subtrees }, _) => {
+                    (Outcome::Repair(top), Decision::PartialRebuild { subtrees }, reason)
                 }
-                (Repaired::TooLarge | Repaired::Nothing, Some(builder)) => {
-                    return rebuild(bvh, primitives, builder, Some((tally, seen)), workspace);
-                }
-                (Repaired::TooLarge, None) => ledger.is_beyond_repair = 1,
-                (Repaired::Nothing, None) => ledger.repair.failed(),
+                (_, Some(new)) => return rebuild_if_better(new, bvh, primitives, seen, tally, workspace),
+                (none, None) => (Outcome::Repair(none), Decision::Unrepaired, reason),
             }
-            Decision::Unrepaired
         }
     };
-    Ok(Update { decision, ..tally.report(bvh) })
+    Ok((outcome, Update { decision, reason: Some(reason), ..tally.report(bvh) }))
 }
 
-/// Builds a new tree. After a pass it is built beside the old one, which stays unless the new one
-/// costs less by [`LEAST_GAIN`]: on two of five inputs trees were worse without that
-/// (`docs/ABLATION.md`).
-fn rebuild<P: Primitives + ?Sized>(
+/// Builds a new tree beside the old one, which stays if the new one is hardly better.
+fn rebuild_if_better<P: Primitives + ?Sized>(
+    (builder, reason): Rebuild,
     bvh: &mut Bvh,
     primitives: &P,
-    builder: Builder,
-    after_pass: Option<(&Tally, &Observation)>,
+    seen: &Observation,
+    tally: &Tally,
     Workspace { rebuild: scratch, .. }: &mut Workspace,
-) -> Result<Update, UpdateError> {
-    // Another number of primitives says nothing of the trees before.
-    let is_same_number = primitives.len() == bvh.len();
-    let before = if is_same_number { State::of(bvh).ledger } else { Ledger::default() };
-    let Some((tally, seen)) = after_pass else {
-        let update = build_again(bvh, primitives, builder, scratch)?;
-        State::of_mut(parts(bvh).state).ledger = Ledger::rebuilt(&before, builder, is_same_number);
-        return Ok(update);
-    };
+) -> Result<(Outcome, Update), UpdateError> {
+    let is_soon = pays_every_frame(&State::of(bvh).ledger, seen);
     let update = build_beside(bvh, primitives, builder, scratch)?;
     let [new_cost, old_cost] = [&mut scratch.beside, &mut *bvh].map(|tree| {
         State::of_mut(parts(tree).state).baseline = Baseline::default();
         take_baseline(tree);
         State::of(tree).baseline.measured_cost()
     });
-    if new_cost >= (1.0 - LEAST_GAIN) * old_cost {
-        State::of_mut(parts(bvh).state).ledger = Ledger::kept_old_tree(&before, builder);
-        return Ok(Update { decision: Decision::Kept { builder }, ..tally.report(bvh) });
-    }
-    std::mem::swap(bvh, &mut scratch.beside);
-    let is_soon = pays_every_frame(&before, seen);
-    State::of_mut(parts(bvh).state).ledger = Ledger::rebuilt(&before, builder, is_soon);
-    Ok(update)
+    let (outcome, update) = if is_hardly_better(new_cost, old_cost) {
+        (Outcome::Kept(builder), Update { decision: Decision::Kept { builder }, ..tally.report(bvh) })
+    } else {
+        std::mem::swap(bvh, &mut scratch.beside);
+        (Outcome::Rebuilt { builder, is_soon }, update)
+    };
+    Ok((outcome, Update { reason: Some(reason), ..update }))
 }

@@ -18,11 +18,11 @@
 //!
 //! ```text
 //! take_baseline       a tree that has none: built, given by the caller, or measured by another strategy before
-//! repair::open_grown  a new top: the references of dynamic inner nodes, and what leaves and static nodes
+//! repair::open_costly a new top: the references of dynamic inner nodes, and what leaves and static nodes
 //!                     cost now
 //! repair::update      no subtree worth opening: raised to what the tree costs now
 //! auto::observe       a tree that costs less than its baseline: `Auto` lowers the baseline to that
-//! auto::rebuild       a tree that is hardly worse than a new one: it counts as good
+//! auto::execute       a tree that is hardly worse than a new one: it counts as good
 //! ```
 //!
 //! Where a few leaves hold most of the area, as the walls of a room do, they hold most of the cost
@@ -237,7 +237,7 @@ mod tests {
         };
         let mut bvh = build(&pose(0), Builder::Sweep).expect("few enough");
         let mut updater =
-            Updater::new(Strategy::PartialRebuild(PartialRebuild { rotate: None, growth: 1e9 }));
+            Updater::new(Strategy::PartialRebuild(PartialRebuild { rotate: None, cost_increase: 1e9 }));
         let scales: Vec<f64> = (0..=10 * LOOP)
             .map(|frame| {
                 bvh.set_dynamic(|p| p != frame % 2);

@@ -22,6 +22,7 @@ use crate::state::State;
 
 /// How trees are built in the background. An [`Updater`](crate::Updater) has one build under way.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Background {
     /// The budget of rotations between one new tree and the next, if any are wanted.
     pub rotate: Option<Rotate>,
@@ -39,6 +40,7 @@ impl Default for Background {
 /// What the last tree that was built in the background cost, from
 /// [`Updater::background_cost`](crate::Updater::background_cost).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct BackgroundCost {
     /// Memory beside the tree in use, in bytes: the second tree, the copy of all boxes, and what
     /// the builder keeps. With the default builder and one primitive a leaf 68, 24 and 64 or more a

@@ -19,6 +19,7 @@ use crate::state::{Measure, State};
 /// The measure is the mean, over the inner nodes, of the ratio of a node's area to the sum of its
 /// children's.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Degraded {
     /// The budget of rotations in between, if any are wanted.
     pub rotate: Option<Rotate>,

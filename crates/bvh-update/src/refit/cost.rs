@@ -5,6 +5,7 @@ use std::time::Instant;
 
 /// What one block of a pass took, in nanoseconds.
 #[derive(Clone, Copy, Debug, Default)]
+#[non_exhaustive]
 pub struct BlockCost {
     /// Number of the block above. A block begins once the leaves of the block above are fitted; the
     /// boxes of the block above follow once all blocks below it have ended.

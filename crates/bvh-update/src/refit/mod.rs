@@ -65,6 +65,7 @@ const LINES: usize = 2;
 
 /// The budget of rotations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Rotate {
     /// Rotations are tried at each node in one of this many updates, at different nodes each time;
     /// a power of two, else the next one. 1, every node in every update, by default.

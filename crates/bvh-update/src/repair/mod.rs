@@ -27,18 +27,19 @@ use top_tree::rebuild_top;
 /// When to build the tree again above subtrees that are still good.
 ///
 /// A tree whose cost falls below half of its baseline, as where a scattered scene is compact again,
-/// is built again as a whole, whatever `growth` is.
+/// is built again as a whole, whatever `cost_increase` is.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct PartialRebuild {
     /// The budget of rotations, if any are wanted.
     pub rotate: Option<Rotate>,
-    /// Growth of the tree's cost at which it is repaired, as part of that cost. 0.1 by default.
-    pub growth: f64,
+    /// Increase of the tree's cost at which it is repaired, as part of that cost. 0.1 by default.
+    pub cost_increase: f64,
 }
 
 impl Default for PartialRebuild {
     fn default() -> Self {
-        Self { rotate: Some(Rotate::default()), growth: 0.1 }
+        Self { rotate: Some(Rotate::default()), cost_increase: 0.1 }
     }
 }
 
@@ -87,13 +88,13 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     if baseline.is_void(finite_or_zero(cost / scale)) {
         return build_again(bvh, primitives, Builder::Ploc, rebuild);
     }
-    if cost / scale <= before * (1.0 + options.growth) {
+    if cost / scale <= before * (1.0 + options.cost_increase) {
         return Ok(tally.report(bvh));
     }
     let n = bvh.len() as f64;
     let most = (LARGEST_FRONTIER * n) as usize;
     // Opened is what exceeds an average primitive's part of the cost when the tree was built.
-    match open_grown(bvh, &mut tally, before * scale / n, most, repair) {
+    match open_costly(bvh, &mut tally, before * scale / n, most, repair) {
         Repaired::Nothing => {
             // Wait until as much is lost again.
             State::of_mut(parts(bvh).state).baseline.cost = finite_or_zero(cost / scale);
@@ -109,7 +110,7 @@ pub(crate) fn update<P: Primitives + ?Sized>(
 /// Builds the tree again above the subtrees whose excess of area is at most `threshold`, if there
 /// are at most `most` of them, after a pass that has found this. The cost of the tree is then no
 /// longer that of the pass.
-pub(crate) fn open_grown(
+pub(crate) fn open_costly(
     bvh: &mut Bvh,
     tally: &mut Tally,
     threshold: f64,

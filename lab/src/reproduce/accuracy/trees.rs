@@ -46,7 +46,9 @@ pub(super) fn strategies(bench: &mut Bench<'_>) -> Result<()> {
     });
     let named = strategies.map(|strategy| (strategy.name().to_owned(), strategy));
     let fewer = [2, 4, 8].map(|period| {
-        (format!("refit+rotate at 1 node in {period}"), Strategy::RefitRotate(Rotate { period }))
+        let mut budget = Rotate::default();
+        budget.period = period;
+        (format!("refit+rotate at 1 node in {period}"), Strategy::RefitRotate(budget))
     });
     let entrant = |(setting, strategy): (String, Strategy)| {
         let (method, mut tree) = (Method::Strategy(strategy), Bvh::clone(&bench.stage.first_tree));
@@ -75,7 +77,9 @@ pub(super) fn height_bounds(bench: &mut Bench<'_>) -> Result<()> {
         };
         let update: Worker = Box::new(move |tree, triangles, _| {
             plain::update_below(tree, triangles, Some(Rotate::default()), MAX_HEIGHT - bound);
-            Ok(Update { height: tree.height(), ..Update::default() })
+            let mut update = Update::default();
+            update.height = tree.height();
+            Ok(update)
         });
         Entrant::new(setting, bound == MAX_HEIGHT, false, first.clone(), update)
     };
