@@ -65,10 +65,8 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     let other = is_another_number.then(|| queries.builder(count, ledger.frames));
     let (outcome, update) = if let Some(builder) = other.or_else(|| decide_blindly(&ledger, count, queries)) {
         let update = build_again(bvh, primitives, builder, &mut workspace.rebuild)?;
-        if is_another_number {
-            // It says nothing of the trees before.
-            ledger = Ledger::default();
-        }
+        // Another number of primitives says nothing of the trees before.
+        ledger = if is_another_number { Ledger::default() } else { ledger };
         (Outcome::Rebuilt { builder, is_soon: !is_another_number }, update)
     } else {
         take_baseline(bvh);
@@ -89,14 +87,11 @@ pub(crate) fn update<P: Primitives + ?Sized>(
 /// 0.
 fn observe(bvh: &mut Bvh, tally: &mut Tally, queries: QueryCost) -> Observation {
     let (cost, primitives) = (take_cost(bvh, tally), bvh.len() as f64);
-    let root_area = bvh.root().aabb().half_area_f64();
     let State { baseline, ledger, .. } = State::of_mut(parts(bvh).state);
-    let scale = baseline.take_growth(root_area, tally.leaf_area);
-    let now = finite_or_zero(cost / scale);
-    ledger.last_excess = baseline.excess(cost, scale);
-    let has_void_baseline = baseline.is_void(now);
-    if now > 0.0 {
-        baseline.cost = if baseline.cost == 0.0 { now } else { baseline.cost.min(now) };
+    ledger.last_excess = baseline.excess(cost);
+    let has_void_baseline = baseline.is_void(finite_or_zero(cost));
+    if finite_or_zero(cost) > 0.0 {
+        baseline.cost = if baseline.cost == 0.0 { cost } else { baseline.cost.min(cost) };
     }
     Observation {
         primitives,
@@ -120,8 +115,8 @@ fn execute<P: Primitives + ?Sized>(
         Plan::Keep(reason) => (Outcome::Nothing, Decision::AsAlways, reason),
         Plan::Rebuild(new) => return rebuild_if_better(new, bvh, primitives, seen, tally, workspace),
         Plan::Repair { threshold, most, reason, or_rebuild } => {
-            let Baseline { scale, .. } = State::of(bvh).baseline;
-            let threshold = threshold * State::of(bvh).baseline.unit(scale);
+            let baseline: Baseline = State::of(bvh).baseline;
+            let threshold = threshold * baseline.unit() * baseline.scale;
             match (open_costly(bvh, tally, threshold, most, &mut workspace.repair), or_rebuild) {
                 (top @ Repaired::Top { subtrees }, _) => {
                     (Outcome::Repair(top), Decision::PartialRebuild { subtrees }, reason)

@@ -136,9 +136,8 @@ pub(super) fn decide(ledger: &Ledger, seen: &Observation) -> Plan {
     let (builder, price_of_rebuild) = seen.rebuild(ledger);
     let rebuild = (builder, because(ledger.rebuild, price_of_rebuild));
     let is_rebuild_due = ledger.rebuild.is_due(price_of_rebuild);
-    let [is_beyond_repair, is_fast_build] =
-        [ledger.is_beyond_repair, ledger.is_fast_build].map(|word| word != 0);
-    if seen.has_void_baseline || (is_rebuild_due && (is_beyond_repair || is_fast_build)) {
+    let [is_beyond_repair, is_fast] = [ledger.is_beyond_repair != 0, ledger.is_fast_build != 0];
+    if seen.has_void_baseline || (is_rebuild_due && (is_beyond_repair || is_fast)) {
         return Plan::Rebuild(rebuild);
     }
     if is_beyond_repair {

@@ -6,8 +6,9 @@
 //!
 //! ```text
 //! scale  = half area of the dynamic leaves at first * growth that leaves and root have in common * scale_factor
-//! unit   = baseline * scale * sqrt(uniformity)
-//! excess = (cost - baseline * scale) / unit
+//! cost   = that of the tree / scale                 and so is the baseline
+//! unit   = baseline * sqrt(uniformity)
+//! excess = (cost - baseline) / unit
 //! ```
 //!
 //! Leaves that grow within a room, and pieces that fly apart, leave the scale as it is.
@@ -129,9 +130,9 @@ impl Baseline {
         now > 0.0 && (self.cost == 0.0 || now < COMPACT_AGAIN * self.measured)
     }
 
-    /// What changes of cost are compared with.
-    pub(crate) fn unit(&self, scale: f64) -> f64 {
-        self.cost * scale * self.leaf_uniformity.sqrt()
+    /// What changes of cost are compared with, in units of the scale.
+    pub(crate) fn unit(&self) -> f64 {
+        self.cost * self.leaf_uniformity.sqrt()
     }
 
     /// What the tree cost, just after it was measured.
@@ -139,12 +140,11 @@ impl Baseline {
         self.measured * self.scale
     }
 
-    /// How far a cost is above that of a tree as good as the baseline, in units; 0 where that is no
-    /// number.
-    pub(crate) fn excess(&self, cost: f64, scale: f64) -> f64 {
-        let unit = self.unit(scale);
-        let excess = (cost - self.cost * scale) / unit;
-        if unit > 0.0 && excess.is_finite() { excess } else { 0.0 }
+    /// How far a cost, in units of the scale, is above that of a tree as good as the baseline; 0
+    /// where that is no number.
+    pub(crate) fn excess(&self, cost: f64) -> f64 {
+        let excess = (cost - self.cost) / self.unit();
+        if self.unit() > 0.0 && excess.is_finite() { excess } else { 0.0 }
     }
 }
 
@@ -154,14 +154,16 @@ fn leaf_uniformity(widths: f64, leaves: f64, areas: f64) -> f64 {
     if uniformity > 0.0 { uniformity.min(1.0) } else { 1.0 }
 }
 
-/// Gives the cost of a tree after a pass. Where areas are beyond the range of `f32`, takes the sums
-/// of the pass again.
-pub(crate) fn take_cost(bvh: &Bvh, tally: &mut Tally) -> f64 {
+/// Gives the cost of a tree after a pass, in units of the scale of the scene, which it notes. Where
+/// areas are beyond the range of `f32`, takes the sums of the pass again.
+pub(crate) fn take_cost(bvh: &mut Bvh, tally: &mut Tally) -> f64 {
     if !tally.is_in_range(bvh) {
         let [all, leaves, ..] = sum(bvh.nodes(), &terms);
         (tally.area, tally.leaf_area) = (all - bvh.static_area(), leaves);
     }
-    tally.area + bvh.static_area()
+    let (cost, root_area) = (tally.area + bvh.static_area(), bvh.root().aabb().half_area_f64());
+    let baseline = &mut State::of_mut(parts(bvh).state).baseline;
+    cost / baseline.take_growth(root_area, tally.leaf_area)
 }
 
 /// Half area of all dynamic leaves, as it was at first, times the growth that leaves and root have
@@ -283,9 +285,9 @@ mod tests {
     #[test]
     fn excess_is_relative_to_the_baseline() {
         let baseline = Baseline { cost: 4.0, leaf_uniformity: 1.0, ..Baseline::default() };
-        assert_eq!(baseline.excess(12.0, 2.0), 0.5);
+        assert_eq!(baseline.excess(6.0), 0.5);
         let uneven = Baseline { leaf_uniformity: 0.25, ..baseline };
-        assert_eq!(uneven.excess(12.0, 2.0), 1.0);
-        assert_eq!(Baseline::default().excess(12.0, 2.0), 0.0);
+        assert_eq!(uneven.excess(6.0), 1.0);
+        assert_eq!(Baseline::default().excess(6.0), 0.0);
     }
 }

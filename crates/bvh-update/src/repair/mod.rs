@@ -81,23 +81,20 @@ pub(crate) fn update<P: Primitives + ?Sized>(
     take_baseline(bvh);
     let mut tally = pass(bvh, primitives, options.rotate, passes);
     let cost = take_cost(bvh, &mut tally);
-    let root_area = bvh.root().aabb().half_area_f64();
-    let baseline = &mut State::of_mut(parts(bvh).state).baseline;
-    let scale = baseline.take_growth(root_area, tally.leaf_area);
-    let before = baseline.cost;
-    if baseline.is_void(finite_or_zero(cost / scale)) {
+    let baseline = State::of(bvh).baseline;
+    if baseline.is_void(finite_or_zero(cost)) {
         return build_again(bvh, primitives, Builder::Ploc, rebuild);
     }
-    if cost / scale <= before * (1.0 + options.cost_increase) {
+    if cost <= baseline.cost * (1.0 + options.cost_increase) {
         return Ok(tally.report(bvh));
     }
     let n = bvh.len() as f64;
-    let most = (LARGEST_FRONTIER * n) as usize;
+    let (threshold, most) = (baseline.cost * baseline.scale / n, (LARGEST_FRONTIER * n) as usize);
     // Opened is what exceeds an average primitive's part of the cost when the tree was built.
-    match open_costly(bvh, &mut tally, before * scale / n, most, repair) {
+    match open_costly(bvh, &mut tally, threshold, most, repair) {
         Repaired::Nothing => {
             // Wait until as much is lost again.
-            State::of_mut(parts(bvh).state).baseline.cost = finite_or_zero(cost / scale);
+            State::of_mut(parts(bvh).state).baseline.cost = finite_or_zero(cost);
             Ok(Update { decision: Decision::Unrepaired, ..tally.report(bvh) })
         }
         Repaired::Top { subtrees } => {
