@@ -48,8 +48,8 @@ const MIN_SAVING: f64 = 1e-3;
 
 /// A move has to save more than this part of what taking the node out frees. Rotations compare
 /// areas rounded to `f32`: where two trees are equal but for rounding, rotations would undo every
-/// move. What is freed counts as at least the smallest `f32` with all its digits, also where it rounds
-/// to 0 or less.
+/// move. What is freed counts as at least the smallest `f32` with all its digits, also where it
+/// rounds to 0 or less.
 const LEAST_SAVED: f64 = 1e-6;
 
 /// Memory that [`reinsert`](fn@reinsert) keeps from one call to the next, about 50 bytes a
@@ -74,7 +74,8 @@ impl std::fmt::Debug for ReinsertScratch {
 /// Boxes must be up to date, and the order of primitives is kept. A parent that moves with its
 /// child takes along its reference area. A move that would make the tree higher than [`MAX_HEIGHT`]
 /// is refused. Searches on all threads of the current rayon pool; the tree is the same for any
-/// number of them. A move that saves less area than 1.2e-44 is refused. O(n) a pass, and a search for each node tried, O(n) at worst.
+/// number of them. A move that saves less area than 1.2e-44 is refused. O(n) a pass, and a search
+/// for each node tried, O(n) at worst.
 ///
 /// ```
 /// use bvh_build::{Builder, Reinsert, ReinsertScratch, build, reinsert};

@@ -86,8 +86,8 @@ pub struct Parts<'a> {
     pub state: &'a mut UpdateState,
 }
 
-/// Guards a tree: if a panic drops the guard, the function repairs the tree. Code that succeeds passes
-/// the guard to `mem::forget`.
+/// Guards a tree: if a panic drops the guard, the function repairs the tree. Code that succeeds
+/// passes the guard to `mem::forget`.
 #[doc(hidden)]
 pub struct OnPanic<'a>(pub &'a mut Bvh, pub fn(&mut Bvh));
 
@@ -104,6 +104,25 @@ impl Bvh {
     /// computed, and so are the dynamic bits of inner nodes. Leaves without primitives, and pairs
     /// that are in no subtree, become [`Node::NOTHING`]. O(n) time and temporary memory.
     ///
+    /// A tree is saved as its [`nodes`](Self::nodes), which are plain data
+    /// ([`bytemuck`](https://docs.rs/bytemuck)), and its [`order`](Self::order). Made of these
+    /// again it is the same tree, but updates have nothing to go on from: `Auto` takes it for as
+    /// good as new. [`validate`](Self::validate) says whether it fits the primitives; if these
+    /// have moved, refit it.
+    ///
+    /// ```
+    /// use bvh_core::{Aabb, Bvh, Node, Vec3};
+    ///
+    /// let unit = Aabb::new(Vec3::ZERO, Vec3::ONE);
+    /// let bvh = Bvh::new(&[Node::leaf(unit, 0, 1), Node::NOTHING], vec![0])?;
+    /// let saved: (Vec<u8>, Vec<u32>) = (bytemuck::cast_slice(bvh.nodes()).to_vec(), bvh.order().to_vec());
+    /// let nodes: Vec<Node> = bytemuck::pod_collect_to_vec(&saved.0);
+    /// let loaded = Bvh::new(&nodes, saved.1)?;
+    /// assert_eq!(loaded.fingerprint(), bvh.fingerprint());
+    /// assert!(loaded.validate(&[unit]).is_ok());
+    /// # Ok::<(), bvh_core::Malformed>(())
+    /// ```
+    ///
     /// # Errors
     /// If the structure is not that of a tree.
     pub fn new(nodes: &[Node], order: Vec<u32>) -> Result<Self, Malformed> {
@@ -114,14 +133,14 @@ impl Bvh {
         Self { pairs, order, ..Self::default() }.checked()
     }
 
-    /// Replaces the tree by one that `fill` writes into the same memory. `fill` gets the pairs of nodes
-    /// and the order with any content and length, and leaves in them the pairs and slots of the new
-    /// tree, at least one pair. If it panics, the tree is empty afterwards.
+    /// Replaces the tree by one that `fill` writes into the same memory. `fill` gets the pairs of
+    /// nodes and the order with any content and length, and leaves in them the pairs and slots of
+    /// the new tree, at least one pair. If it panics, the tree is empty afterwards.
     ///
     /// # Safety
-    /// Pairs and order must form a tree as [`Bvh`] describes it, without empty leaves but where there
-    /// are no primitives, with right heights and every node dynamic: updates that share the arena
-    /// between threads rely on it.
+    /// Pairs and order must form a tree as [`Bvh`] describes it, without empty leaves but where
+    /// there are no primitives, with right heights and every node dynamic: updates that share the
+    /// arena between threads rely on it.
     #[doc(hidden)]
     #[expect(unsafe_code, reason = "a promise that the compiler cannot check")]
     pub unsafe fn replace_with(&mut self, fill: impl FnOnce(&mut Vec<Pair>, &mut Vec<u32>)) {

@@ -9,13 +9,12 @@ impl Bvh {
     /// Sets which primitives are dynamic, that is, may move. At first all are.
     ///
     /// Updates do not visit static subtrees, and their boxes stay as they are: mark what you add,
-    /// remove or move elsewhere as dynamic for the next update, or queries find it where it was. But
-    /// a rotation may
-    /// exchange a child of a static subtree's root for another node: the root's box then changes,
-    /// and it becomes dynamic if the new child is. A leaf is dynamic if any primitive in it is. The
-    /// setting survives the rebuilds of an `Updater` at leaf granularity: a primitive that shares a
-    /// leaf with a dynamic one counts as dynamic in the next tree. If `is_dynamic` panics, all
-    /// primitives are dynamic. O(n), no allocation.
+    /// remove or move elsewhere as dynamic for the next update, or queries find it where it was.
+    /// But a rotation may exchange a child of a static subtree's root for another node: the root's
+    /// box then changes, and it becomes dynamic if the new child is. A leaf is dynamic if any
+    /// primitive in it is. The setting survives the rebuilds of an `Updater` at leaf granularity: a
+    /// primitive that shares a leaf with a dynamic one counts as dynamic in the next tree. If
+    /// `is_dynamic` panics, all primitives are dynamic. O(n), no allocation.
     ///
     /// ```
     /// use bvh_core::{Aabb, Bvh, Node, Vec3};

@@ -34,10 +34,10 @@
 //!
 //! # Hard input
 //!
-//! * A primitive with a NaN or an infinite coordinate is *dropped*: it stays in its leaf with an empty
-//!   box, no query finds it, and it comes back with the first update that finds it finite. But the
-//!   closures that [`Bvh::cast_ray`] and [`Bvh::nearest`] are given are asked about all primitives
-//!   of a leaf, a dropped one among them.
+//! * A primitive with a NaN or an infinite coordinate is *dropped*: it stays in its leaf with an
+//!   empty box, no query finds it, and it comes back with the first update that finds it finite.
+//!   But the closures that [`Bvh::cast_ray`] and [`Bvh::nearest`] are given are asked about all
+//!   primitives of a leaf, a dropped one among them.
 //! * A primitive without extent is like any other.
 //! * An area beyond the range of `f32` is infinite as [`Aabb::half_area`]. Costs are sums of `f64`
 //!   areas, which are always finite. A tree without area has the cost 0.

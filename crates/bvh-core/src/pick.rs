@@ -64,8 +64,8 @@ pub fn any_hit(bvh: &Bvh, triangles: &Triangles<'_>, ray: &Ray, t_max: f32, test
 }
 
 /// Finds what [`closest_hit`] finds among the hits that `counts` is true for, and adds what the ray
-/// visited to `visits`: objects that are hidden or locked, holes in textures, or the next hit behind
-/// another, since [`Hit::is_before`] orders hits.
+/// visited to `visits`: objects that are hidden or locked, holes in textures, or the next hit
+/// behind another, since [`Hit::is_before`] orders hits.
 ///
 /// ```
 /// use bvh_core::{Aabb, Bvh, Hit, Node, Ray, TriangleTest, Triangles, Vec3, Visits, closest_hit_where};

@@ -105,9 +105,9 @@ impl Bvh {
         self.walk_pairs::<_, _, true>(primitives, self, primitives, |_, _| true, found)
     }
 
-    /// Does what [`for_each_pair`](Self::for_each_pair) does, but leaves out the pairs of two leaves
-    /// that are both static ([`set_dynamic`](Self::set_dynamic)): where few primitives are awake, it
-    /// looks at few nodes.
+    /// Does what [`for_each_pair`](Self::for_each_pair) does, but leaves out the pairs of two
+    /// leaves that are both static ([`set_dynamic`](Self::set_dynamic)): where few primitives are
+    /// awake, it looks at few nodes.
     ///
     /// # Panics
     /// As [`for_each_pair`](Self::for_each_pair).
@@ -177,8 +177,8 @@ impl Bvh {
         self.walk_pairs::<_, _, false>(primitives, other, others, |_, _| true, found)
     }
 
-    /// The pairs of this tree and another, or if `WITHIN` those within this tree, which is the other
-    /// then, too. Pairs of nodes that are not wanted are left out with all below them.
+    /// The pairs of this tree and another, or if `WITHIN` those within this tree, which is the
+    /// other then, too. Pairs of nodes that are not wanted are left out with all below them.
     fn walk_pairs<P: Primitives + ?Sized, Q: Primitives + ?Sized, const WITHIN: bool>(
         &self,
         primitives: &P,

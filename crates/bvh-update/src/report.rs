@@ -29,8 +29,8 @@ pub struct Update {
     pub sah_cost: Option<f64>,
     /// Height of the tree as it is now.
     pub height: u32,
-    /// Nodes whose boxes the update recomputed: all of a new tree, none of one that was given up. No
-    /// measure of an update's work, since a pass and a build of the same tree count alike.
+    /// Nodes whose boxes the update recomputed: all of a new tree, none of one that was given up.
+    /// No measure of an update's work, since a pass and a build of the same tree count alike.
     /// [`Load`](crate::Load) asks for another number, the nodes that queries visit.
     pub nodes_visited: u64,
     /// Primitives without finite coordinates, which are dropped at present: of those visited, or

@@ -23,6 +23,8 @@ enum Motion {
     Corner,
     /// Waves, with a few vertices that are not finite now and then.
     Holes,
+    /// Every vertex is elsewhere in each frame.
+    Chaos,
 }
 
 fn positions(motion: Motion, frame: usize) -> Vec<Vec3> {
@@ -41,6 +43,10 @@ fn positions(motion: Motion, frame: usize) -> Vec<Vec3> {
                 Motion::Corner => wave,
                 Motion::Holes if (i + 31 * frame).is_multiple_of(911) => Vec3::new(x, f32::NAN, t),
                 Motion::Holes => wave,
+                Motion::Chaos => {
+                    let at = |k: usize| (i * k * (frame + 1) % 8191) as f32;
+                    Vec3::new(at(31), at(57), at(73))
+                }
             }
         })
         .collect()
@@ -52,7 +58,8 @@ fn indices() -> Vec<[u32; 3]> {
     corners.flat_map(|i| [[i, i + 1, i + side], [i + 1, i + side + 1, i + side]]).collect()
 }
 
-fn play(motion: Motion, strategy: &Strategy, leaf: u32, level: SimdLevel, threads: usize) -> u64 {
+/// A fingerprint of the trees of all frames, and how many of them were rebuilt as a whole.
+fn play(motion: Motion, strategy: &Strategy, leaf: u32, level: SimdLevel, threads: usize) -> (u64, u32) {
     let indices = indices();
     let options = BuildOptions::default().with_max_leaf_size(leaf);
     let start = positions(motion, 0);
@@ -64,12 +71,13 @@ fn play(motion: Motion, strategy: &Strategy, leaf: u32, level: SimdLevel, thread
     }
     let mut updater = Updater::with_level(Strategy::default(), level);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-    (1..8).fold(0, |sum: u64, frame| {
+    (1..8).fold((0, 0), |(sum, rebuilt): (u64, u32), frame| {
         let now = positions(motion, frame);
         let triangles = Triangles { positions: &now, indices: &indices };
         assert_eq!(triangles.len(), bvh.len());
-        pool.install(|| updater.set_strategy(*strategy).update(&mut bvh, &triangles)).expect("same count");
-        sum.rotate_left(9) ^ bvh.fingerprint()
+        let update = || updater.set_strategy(*strategy).update(&mut bvh, &triangles);
+        let update = pool.install(update).expect("same count");
+        (sum.rotate_left(9) ^ bvh.fingerprint(), rebuilt + u32::from(update.rebuilt))
     })
 }
 
@@ -78,15 +86,28 @@ const RECORDED: &str = include_str!("fingerprints.txt");
 #[test]
 fn trees_have_their_recorded_bits() {
     let mut lines = String::new();
-    for motion in [Motion::Waves, Motion::Pieces, Motion::Corner, Motion::Holes] {
+    for motion in [Motion::Waves, Motion::Pieces, Motion::Corner, Motion::Holes, Motion::Chaos] {
         for leaf in [1, 4] {
-            for strategy in Strategy::all() {
-                if matches!(strategy, Strategy::Background(_) | Strategy::Rebuild(..)) {
+            for mut strategy in Strategy::all() {
+                if matches!(strategy, Strategy::Background(_)) {
                     continue;
                 }
-                let print = play(motion, &strategy, leaf, SimdLevel::best(), 1);
+                let is_chaos = matches!(motion, Motion::Chaos);
+                if let Strategy::Degraded(degraded) = &mut strategy
+                    && is_chaos
+                {
+                    // Rotations keep the ratio of areas below the default.
+                    degraded.threshold = 0.05;
+                }
+                let (print, rebuilt) = play(motion, &strategy, leaf, SimdLevel::best(), 1);
+                let rebuilds = match strategy {
+                    Strategy::Rebuild(..) => true,
+                    Strategy::Degraded(_) | Strategy::PartialRebuild(_) | Strategy::Auto(_) => is_chaos,
+                    _ => false,
+                };
+                assert!(rebuilt > 0 || !rebuilds, "{motion:?} {strategy}: no rebuild");
                 for (level, threads) in SimdLevel::available().map(|level| (level, 3)) {
-                    let same = play(motion, &strategy, leaf, level, threads);
+                    let (same, _) = play(motion, &strategy, leaf, level, threads);
                     assert_eq!(same, print, "{motion:?} {leaf} {strategy} {level}, {threads} threads");
                 }
                 // What it decides may change; that it is the same on all levels and threads may

@@ -360,7 +360,8 @@ fn decisions_and_reasons_say_what_and_why_in_one_line() {
         let reason = report.reason.expect("decided after a pass");
         let line = format!("{}: {reason}", report.decision);
         assert!(line.lines().count() == 1 && line.contains(" ms"), "{line}");
-        // Of a tree that was built, also where a new top was tried first, it is what that tree costs.
+        // Of a tree that was built, also where a new top was tried first, it is what that tree
+        // costs.
         let builds = matches!(report.decision, Decision::Rebuild { .. } | Decision::Kept { .. });
         trees += u32::from(builds);
         if builds || matches!(report.decision, Decision::PartialRebuild { .. }) {

@@ -18,12 +18,12 @@ mod block;
 mod collapse;
 mod walk;
 
-use bvh_core::{Aabb, Bvh, Ray, SimdLevel, Triangles};
+use bvh_core::{Aabb, Bvh, Ray, SimdLevel, Triangles, Visits};
 use bytemuck::{Pod, Zeroable};
 use fearless_simd::Level;
 use rayon::prelude::*;
 
-use crate::scene::{Work, with_test};
+use crate::scene::with_test;
 use crate::simd::{detected, dispatch};
 use crate::{Hit, TriangleTest};
 
@@ -124,18 +124,46 @@ impl Bvh8 {
     /// Does what [`closest_hit`](crate::closest_hit) does on the tree that this is a view of.
     #[must_use]
     pub fn closest_hit(&self, ray: &Ray, t_max: f32, test: TriangleTest) -> Option<Hit> {
-        self.hit::<false>(ray, t_max, test)
+        self.hit::<false>(ray, t_max, test, &mut Visits::default())
     }
 
     /// Does what [`any_hit`](crate::any_hit) does on the tree that this is a view of.
     #[must_use]
     pub fn any_hit(&self, ray: &Ray, t_max: f32, test: TriangleTest) -> bool {
-        self.hit::<true>(ray, t_max, test).is_some()
+        self.hit::<true>(ray, t_max, test, &mut Visits::default()).is_some()
     }
 
-    fn hit<const ANY: bool>(&self, ray: &Ray, t_max: f32, test: TriangleTest) -> Option<Hit> {
+    /// Does what [`closest_hit`](Self::closest_hit) does and adds what the ray visited to `visits`.
+    /// Nodes are those of this view, which stand for several of the tree; primitives stay as they
+    /// are, since triangles are tested by the block.
+    #[must_use]
+    pub fn closest_hit_counted(
+        &self,
+        ray: &Ray,
+        t_max: f32,
+        test: TriangleTest,
+        visits: &mut Visits,
+    ) -> Option<Hit> {
+        self.hit::<false>(ray, t_max, test, visits)
+    }
+
+    /// Does what [`any_hit`](Self::any_hit) does and adds what the ray visited to `visits`, as
+    /// [`closest_hit_counted`](Self::closest_hit_counted) does.
+    #[must_use]
+    pub fn any_hit_counted(&self, ray: &Ray, t_max: f32, test: TriangleTest, visits: &mut Visits) -> bool {
+        self.hit::<true>(ray, t_max, test, visits).is_some()
+    }
+
+    fn hit<const ANY: bool>(
+        &self,
+        ray: &Ray,
+        t_max: f32,
+        test: TriangleTest,
+        visits: &mut Visits,
+    ) -> Option<Hit> {
+        visits.queries += 1;
         with_test!(test, T => dispatch!(self.level, simd => {
-            hit::<_, T, ANY>(simd, self, ray, t_max, &mut Work::default(), |_| true)
+            hit::<_, T, ANY>(simd, self, ray, t_max, visits, |_| true)
         }))
     }
 

@@ -273,7 +273,8 @@ mod tests {
         let plan = decide(&quiet(), &seen(0.1));
         let Plan::Keep(reason) = plan else { panic!("{plan:?}") };
         assert!(reason.lost_ms <= reason.price_ms && reason.excess == 0.1);
-        // Both are due: the price of the tree that may be built in the place of a new top is its own.
+        // Both are due: the price of the tree that may be built in the place of a new top is its
+        // own.
         let both = with(|ledger| {
             ledger.repair.charge(1e9);
             ledger.rebuild.charge(2e9);

@@ -22,14 +22,29 @@ use crate::state::{Layout, State};
 ///
 /// One thread, O(n).
 ///
+/// ```
+/// use bvh_build::{Builder, build};
+/// use bvh_core::{Aabb, Vec3};
+/// use bvh_update::{Rotate, plain, refit_and_rotate};
+///
+/// let at = |x: f32| Aabb::new(Vec3::new(x, 0.0, 0.0), Vec3::new(x + 1.0, 1.0, 1.0));
+/// let mut bvh = build(&[at(0.0), at(1.0), at(10.0)], Builder::Sweep)?;
+/// let mut same = bvh.clone();
+/// let moved = [at(0.0), at(9.0), at(10.0)];
+/// let rotations = plain::update(&mut bvh, &moved, Some(Rotate::default()));
+/// assert_eq!(rotations, refit_and_rotate(&mut same, &moved)?.rotations);
+/// assert_eq!(bvh.nodes(), same.nodes());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Panics
 /// If there are not as many primitives as the tree holds.
 pub fn update<P: Primitives + ?Sized>(bvh: &mut Bvh, primitives: &P, rotate: Option<Rotate>) -> [u64; 6] {
     update_below(bvh, primitives, rotate, 0)
 }
 
-/// Does what [`update`] does, as if the root lay `depth` levels below that of a higher tree: rotations keep the
-/// tree that much lower.
+/// Does what [`update`] does, as if the root lay `depth` levels below that of a higher tree:
+/// rotations keep the tree that much lower.
 #[doc(hidden)]
 pub fn update_below<P: Primitives + ?Sized>(
     bvh: &mut Bvh,
@@ -78,7 +93,7 @@ impl<P: Primitives + ?Sized> Walk<'_, P> {
         let first = node.first();
         if node.is_leaf() {
             let slots = &self.order[first..first + node.count()];
-            let boxes = slots.iter().map(|&p| self.primitives.aabb(p as usize));
+            let boxes = slots.iter().map(|&p| self.primitives.aabb(p as usize).sanitized());
             self.nodes[n].set_aabb(boxes.fold(Aabb::EMPTY, Aabb::union));
             return;
         }

@@ -36,6 +36,22 @@ fn views_of_other_trees_and_of_nothing() {
 }
 
 #[test]
+fn visits_are_counted_and_change_no_hit() {
+    let soup = random_soup(2000, 0.3);
+    let mut wide = Bvh8::default();
+    wide.update(&tree(&soup, 1), &soup.triangles());
+    let (mut closest, mut any, test) = (Visits::default(), Visits::default(), TriangleTest::Watertight);
+    for ray in &random_rays(100) {
+        let hit = wide.closest_hit(ray, f32::INFINITY, test);
+        assert_eq!(wide.closest_hit_counted(ray, f32::INFINITY, test, &mut closest), hit);
+        assert_eq!(wide.any_hit_counted(ray, f32::INFINITY, test, &mut any), hit.is_some());
+    }
+    assert_eq!((closest.queries, any.queries), (100, 100));
+    assert!(any.nodes > 100 && closest.nodes > any.nodes, "{any:?} {closest:?}");
+    assert!(closest.nodes < 100 * wide.nodes.len() as u64 / 4, "{closest:?} of {}", wide.nodes.len());
+}
+
+#[test]
 fn batches_are_single_rays_in_order_on_any_number_of_threads() {
     let soup = random_soup(200, 0.4);
     let t = soup.triangles();
