@@ -31,7 +31,8 @@ impl Topology {
     /// Adds a part of as many `vertices`, whose `triangles` number its own from 0, and gives it. It
     /// is marked as still.
     ///
-    /// `None` if there are more vertices or triangles in all than 32 bits can number. O(triangles).
+    /// `None` if a triangle names a vertex that the part does not have, or there are more vertices or
+    /// triangles in all than 32 bits can number. O(triangles).
     pub fn add_part(
         &mut self,
         name: String,
@@ -42,7 +43,9 @@ impl Topology {
         let range = |begin: usize, count: usize| {
             Some(u32::try_from(begin).ok()?..u32::try_from(begin.checked_add(count)?).ok()?)
         };
-        let vertices = range(self.vertex_count, vertices)?;
+        let is_own = |&corner: &u32| (corner as usize) < vertices;
+        let vertices =
+            range(self.vertex_count, vertices).filter(|_| triangles.as_flattened().iter().all(is_own))?;
         let numbers = range(self.triangles.len(), triangles.len())?;
         self.triangles.extend(triangles.iter().map(|corners| corners.map(|corner| vertices.start + corner)));
         self.moves.resize(self.triangles.len(), false);

@@ -86,7 +86,8 @@ impl KeyFrames {
             let moves = moves[part.vertices.start as usize..part.vertices.end as usize].contains(&true);
             part.motion = if moves { Motion::KEY_FRAMES } else { Motion::empty() };
         }
-        let way = (frames.len() - 1) as f64 * seconds_per_frame;
+        // Of finite times the sum may not be.
+        let way = ((frames.len() - 1) as f64 * seconds_per_frame).min(f64::MAX);
         model.duration = if moving.is_empty() { 0.0 } else { way };
         Ok(Self { model, moving, frames, seconds_per_frame })
     }

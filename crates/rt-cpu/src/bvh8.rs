@@ -38,8 +38,8 @@ const WIDTH: usize = 8;
 /// A second view of a [`Bvh`] and its triangles, for rays that have little in common: about twice
 /// as fast for these as the tree itself, once it is there.
 ///
-/// It holds copies of the tree's boxes and of the triangles' corners, 60 to 80 bytes a triangle,
-/// and knows nothing of later changes: [`update`](Self::update) it after each. That pays from about
+/// It holds copies of the tree's boxes and of the triangles' corners, 60 to 110 bytes a triangle
+/// (in trees nearly as high as they may be 300), and knows nothing of later changes: [`update`](Self::update) it after each. That pays from about
 /// one ray for every six triangles on. [`render`](crate::render) does so by itself for ambient
 /// occlusion and diffuse bounces; [`render_with`](crate::render_with) takes a view that is there.
 ///

@@ -10,7 +10,8 @@ use crate::simd::load;
 ///
 /// The ray through the centre of pixel `x`, `y`, counted from the top left, goes from `eye` along
 /// `corner + right (x + 0.5) + down (y + 0.5)`. All these directions must be of lengths between
-/// 1e-18 and 1e18; pictures through others are not defined.
+/// 1e-18 and 1e18; pictures through others are not defined. Beyond 2^23 pixels a side, halves of a
+/// pixel are rounded, and pictures differ from [`ray`](Self::ray) in last bits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     /// Where it stands.
@@ -66,7 +67,8 @@ impl Camera {
     }
 
     /// Sets the directions through the points `inside` pixels `left + columns[i]`, `top + rows[i]`;
-    /// in the middle with the bits of [`ray`](Self::ray), since sums of halves are exact.
+    /// in the middle with the bits of [`ray`](Self::ray), since sums of halves are exact up to 2^23
+    /// pixels.
     #[inline(always)]
     pub(crate) fn directions<S: Simd, const N: usize>(
         &self,

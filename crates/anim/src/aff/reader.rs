@@ -20,6 +20,8 @@ const DEEPEST_INCLUDE: usize = 64;
 /// Bytes that a statement stands for, beyond the triangles it makes. Most of it is time: to find a
 /// file, say.
 const COST_OF_STATEMENT: u64 = 512;
+/// The same for each byte of the path of an include, whose folders are looked up one by one.
+const COST_OF_PATH_BYTE: u64 = 16;
 
 /// The place of what no line alone is to blame for.
 const WHOLE_SCENE: &str = "whole scene";
@@ -199,6 +201,7 @@ impl Reader {
         }
         let problem = |found: &str, expected: &str| tokens.because(format!("{found} {name:?}"), expected);
         let included = file.parent().unwrap_or(Path::new("")).join(name);
+        self.budget.spend(COST_OF_PATH_BYTE * included.as_os_str().len() as u64, WHOLE_SCENE)?;
         // A file that is not there has no canonical path either.
         let canonical = included.canonicalize().map_err(|source| {
             problem(&format!("include of a file that cannot be read ({source})"), "a file")

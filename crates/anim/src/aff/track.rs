@@ -26,7 +26,8 @@ pub(super) struct Track {
 
 impl Track {
     pub(super) fn transform(&self, time: f64) -> DAffine3 {
-        let scale = match self.visibility.iter().rfind(|key| key.0 <= time) {
+        let begun = self.visibility.partition_point(|key| key.0 <= time);
+        let scale = match self.visibility[..begun].last() {
             Some((_, false)) => DVec3::ZERO,
             _ => self.scale.as_ref().map_or(DVec3::ONE, |scale| scale.at(time)),
         };

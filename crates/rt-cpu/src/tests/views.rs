@@ -1,5 +1,7 @@
 //! The eight-wide view: made again and again, of any tree, on any number of threads.
 
+use bvh_core::Visits;
+
 use super::*;
 
 /// All of what rays see.
