@@ -9,7 +9,7 @@ use crate::error::Problem;
 /// Bytes that may be taken however small the file is.
 const FREE_BYTES: u64 = 1 << 30;
 /// Bytes allowed for every byte of the file and of those that it names, each counted once.
-const BYTES_PER_BYTE: u64 = 256;
+pub(crate) const BYTES_PER_BYTE: u64 = 256;
 /// Bytes of a vertex and of a triangle in a whole program that shows them: positions, normals and
 /// their copies; the tree, its primitives and its builder.
 const BYTES_PER_VERTEX: u64 = 100;

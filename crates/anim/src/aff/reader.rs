@@ -9,7 +9,7 @@ use glam::{DAffine3, DQuat, DVec3};
 use super::geometry::{Frame, Patch, Shape, Source, cone, sphere};
 use super::tokens::{Tokens, spaced};
 use super::track::{FEWEST_KEYS, Key, Spline, Track};
-use crate::budget::Budget;
+use crate::budget::{BYTES_PER_BYTE, Budget};
 use crate::error::{LoadError, NUMBERED, Problem};
 use crate::files::read_file;
 use crate::rotation::about;
@@ -20,8 +20,9 @@ const DEEPEST_INCLUDE: usize = 64;
 /// Bytes that a statement stands for, beyond the triangles it makes. Most of it is time: to find a
 /// file, say.
 const COST_OF_STATEMENT: u64 = 512;
-/// The same for each byte of the path of an include, whose folders are looked up one by one.
-const COST_OF_PATH_BYTE: u64 = 16;
+/// The same for each byte of the path of an include, whose folders are looked up one by one: what a
+/// byte of text allows for.
+const COST_OF_PATH_BYTE: u64 = BYTES_PER_BYTE;
 
 /// The place of what no line alone is to blame for.
 const WHOLE_SCENE: &str = "whole scene";
@@ -201,7 +202,8 @@ impl Reader {
         }
         let problem = |found: &str, expected: &str| tokens.because(format!("{found} {name:?}"), expected);
         let included = file.parent().unwrap_or(Path::new("")).join(name);
-        self.budget.spend(COST_OF_PATH_BYTE * included.as_os_str().len() as u64, WHOLE_SCENE)?;
+        let spent = self.budget.spend(COST_OF_PATH_BYTE * included.as_os_str().len() as u64, WHOLE_SCENE);
+        spent.map_err(|problem| tokens.because(problem.found, problem.expected))?;
         // A file that is not there has no canonical path either.
         let canonical = included.canonicalize().map_err(|source| {
             problem(&format!("include of a file that cannot be read ({source})"), "a file")
