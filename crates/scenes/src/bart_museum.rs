@@ -12,7 +12,7 @@ use glam::{Vec3, vec3};
 
 use crate::rigid::{rotated, rotation};
 use crate::shape::{Assembly, Mesh, around, turned};
-use crate::{Effects, Scene, SceneError, SceneInfo, SceneOptions, Simulated};
+use crate::{Effects, Make, Scene, SceneError, SceneInfo, SceneOptions, Simulated};
 
 /// Animated triangles of level 8 of the benchmark: 4 to the power of 8.
 const TRIANGLES: usize = 65_536;
@@ -36,6 +36,14 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
     frames: FRAMES,
     effects: Effects::of_scene(Simulated::empty(), Motion::KEY_FRAMES),
     key_bytes: SHAPES * 3 * TRIANGLES * size_of::<Vec3>(),
+    make: &[
+        ("", Make::Whole(|options| scene(options, 0))),
+        (":0", Make::Whole(|options| scene(options, 0))),
+        (":1", Make::Whole(|options| scene(options, 1))),
+        (":2", Make::Whole(|options| scene(options, 2))),
+        (":3", Make::Whole(|options| scene(options, 3))),
+        (":4", Make::Whole(|options| scene(options, 4))),
+    ],
 };
 
 /// Steps about the axes of pillars and pedestal, and of posts.
@@ -52,7 +60,7 @@ const ROOM_TRIANGLES: usize = 4 * SIDES + 8 * 28 * STEPS + 12 * STEPS + POSTS * 
 type Corners = [Vec3; 3];
 
 /// The museum, started from one of its shapes.
-pub(crate) fn scene(options: &SceneOptions<'_>, start: usize) -> Result<Scene, SceneError> {
+fn scene(options: &SceneOptions<'_>, start: usize) -> Result<Scene, SceneError> {
     let mut random = fastrand::Rng::with_seed(options.seed);
     // `less` is the number of levels of the benchmark that the sculpture is below the full one: as
     // many, up to four, as leave at least the wanted part of the triangles. One level less has a

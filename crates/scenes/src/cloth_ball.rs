@@ -8,7 +8,7 @@ use crate::cloth::Cloth;
 use crate::rigid::rotation;
 use crate::shape::{Assembly, Mesh, grid, sphere};
 use crate::simulation::{self, Run, World};
-use crate::{Effects, Measure, Scene, SceneError, SceneInfo, SceneOptions, Simulated};
+use crate::{Effects, Make, Measure, Scene, SceneError, SceneInfo, SceneOptions, Simulated};
 
 const FRAMES: usize = 94;
 const SUBSTEPS: usize = 80;
@@ -34,9 +34,10 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
     frames: FRAMES,
     effects: Effects::of_scene(simulation::effects::<Winding>(), Motion::KEY_FRAMES),
     key_bytes: FRAMES * ((SIDE + 1) * (SIDE + 1) + 382) * size_of::<Vec3>(),
+    make: &[("", Make::Whole(scene))],
 };
 
-pub(crate) fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
+fn scene(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     let (keys, substeps) = (options.key_frames.unwrap_or(FRAMES), options.substeps.unwrap_or(SUBSTEPS));
     let side = ((SIDE as f32 * options.detail.unwrap_or(1.0).sqrt()).round() as usize).max(4);
     let parameters = format!("cloth-ball seed {} keys {keys} substeps {substeps} side {side}", options.seed);

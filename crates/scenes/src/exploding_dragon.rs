@@ -5,7 +5,7 @@ use glam::{Vec3, vec3};
 
 use crate::rigid::Key;
 use crate::statue::{EFFECTS, Statue};
-use crate::{Effects, Scene, SceneError, SceneInfo, SceneOptions, dragon};
+use crate::{Effects, Make, Scene, SceneError, SceneInfo, SceneOptions, dragon};
 
 const FRAMES: usize = 96;
 
@@ -17,6 +17,7 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
     effects: EFFECTS,
     // 2359 bodies.
     key_bytes: FRAMES * 2359 * size_of::<Key>(),
+    make: &[("", Make::Whole(|options| Ok(DRAGON.scene(options)))), (":blended", Make::Whole(blended))],
 };
 
 pub(crate) static DRAGON: Statue = Statue {
@@ -44,7 +45,7 @@ const BLENDED_KEYS: usize = 16;
 
 /// The scene from few key frames, between which vertices go straight, as those of the original do:
 /// pieces that spin shear and shrink on the way from one to the next.
-pub(crate) fn blended(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
+fn blended(options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     let rigid = DRAGON.scene(options);
     let seconds = rigid.animation.duration() / (BLENDED_KEYS - 1) as f64;
     let pose = |key: usize| {

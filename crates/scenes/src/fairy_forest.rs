@@ -16,7 +16,7 @@ use crate::glb::Glb;
 use crate::implicit::Solid;
 use crate::rigid::rotation;
 use crate::shape::Mesh;
-use crate::{Effects, Scene, SceneError, SceneInfo, SceneOptions, Simulated, fairy, meshing};
+use crate::{Effects, Make, Scene, SceneError, SceneInfo, SceneOptions, Simulated, fairy, meshing};
 
 const TRIANGLES: usize = 174_117;
 const TREES: usize = 16;
@@ -34,6 +34,7 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
     frames: FRAMES,
     effects: Effects::of_scene(Simulated::empty(), Motion::all().difference(Motion::KEY_FRAMES)),
     key_bytes: 0,
+    make: &[("", Make::Clip(scene))],
 };
 
 /// Returns the bytes of the fairy forest as a binary glTF 2.0 file (.glb) of 174,117 triangles.
@@ -74,7 +75,7 @@ fn with_trees(trees: usize, seed: u64) -> Vec<u8> {
     glb.finish()
 }
 
-pub(crate) fn scene(clip: Option<&str>, options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
+fn scene(clip: Option<&str>, options: &SceneOptions<'_>) -> Result<Scene, SceneError> {
     let trees = (TREES as f32 * options.detail.unwrap_or(1.0)).ceil() as usize;
     let parameters = format!("fairy-forest seed {} trees {trees}", options.seed);
     let (record, notes) = recorded(&parameters, options, || Record {

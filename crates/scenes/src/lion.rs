@@ -4,7 +4,7 @@ use glam::{Vec3, vec3};
 
 use crate::rigid::Key;
 use crate::statue::{EFFECTS, Statue};
-use crate::{SceneInfo, lion_solid};
+use crate::{Make, SceneInfo, lion_solid};
 
 const FRAMES: usize = 120;
 
@@ -16,6 +16,7 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
     effects: EFFECTS,
     // 8427 bodies.
     key_bytes: FRAMES * 8427 * size_of::<Key>(),
+    make: &[("", Make::Whole(|options| Ok(LION.scene(options))))],
 };
 
 pub(crate) static LION: Statue = Statue {

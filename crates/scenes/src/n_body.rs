@@ -10,7 +10,7 @@ use crate::cache::{Record, recorded};
 use crate::rigid::{Key, RigidBodies};
 use crate::shape::{Assembly, arc, sphere, turned};
 use crate::simulation::{self, Run};
-use crate::{Effects, Measure, Scene, SceneInfo, SceneOptions, Simulated};
+use crate::{Effects, Make, Measure, Scene, SceneInfo, SceneOptions, Simulated};
 
 const BALLS: usize = 300;
 const FRAMES: usize = 100;
@@ -45,6 +45,7 @@ pub(crate) const INFO: SceneInfo = SceneInfo {
     frames: FRAMES,
     effects: Effects::of_scene(simulation::effects::<World>(), Motion::RIGID),
     key_bytes: FRAMES * BALLS * size_of::<Key>(),
+    make: &[("", Make::Whole(|options| Ok(scene(options))))],
 };
 
 struct Ball {
@@ -54,7 +55,7 @@ struct Ball {
     velocity: DVec3,
 }
 
-pub(crate) fn scene(options: &SceneOptions<'_>) -> Scene {
+fn scene(options: &SceneOptions<'_>) -> Scene {
     let (keys, substeps) = (options.key_frames.unwrap_or(FRAMES), options.substeps.unwrap_or(SUBSTEPS));
     let parameters = format!("n-body span {SPAN} seed {} keys {keys} substeps {substeps}", options.seed);
     let (record, notes) = recorded(&parameters, options, || simulate(keys, substeps, options));
