@@ -48,3 +48,8 @@ pub(crate) fn read_file(file: &Path) -> Result<Vec<u8>, LoadError> {
     }
     std::fs::read(file).map_err(LoadError::io(file))
 }
+
+/// A text without the byte order mark that some editors put at its start.
+pub(crate) fn unmarked(text: &[u8]) -> &[u8] {
+    text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text)
+}

@@ -27,11 +27,6 @@ pub(crate) fn parse(file: &Path, bytes: &[u8], origin: DVec3) -> Result<KeyFrame
     KeyFrames::new(model, Vec::new(), DEFAULT_SECONDS_PER_FRAME).map_err(|problem| problem.in_file(file))
 }
 
-/// A text without the byte order mark that some editors put at its start.
-fn unmarked(text: &[u8]) -> &[u8] {
-    text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text)
-}
-
 /// Reads a mesh whose positions are relative to `origin`; it says nothing yet about what moves.
 pub(crate) fn read_mesh(file: &Path, bytes: &[u8], origin: DVec3) -> Result<Model, LoadError> {
     if !is_mesh_file(file) {

@@ -6,9 +6,8 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::unmarked;
 use crate::error::Problem;
-use crate::files::{below_folder, read_beside};
+use crate::files::{below_folder, read_beside, unmarked};
 use crate::{Material, Model};
 
 pub(super) fn read(bytes: &[u8], file: &Path, origin: DVec3) -> Result<Model, Problem> {

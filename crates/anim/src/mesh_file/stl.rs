@@ -5,8 +5,8 @@ use std::collections::HashMap;
 
 use glam::{DVec3, Vec3};
 
-use super::unmarked;
 use crate::error::Problem;
+use crate::files::unmarked;
 use crate::{Material, Model};
 
 /// Bytes before the first facet of a binary file, and of each facet.
