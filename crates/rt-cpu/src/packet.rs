@@ -46,7 +46,8 @@ pub(crate) fn trace<T: Test, const ANY: bool>(
     let Some(first) = (0..PACKET).find(present) else {
         return best;
     };
-    let beam = Beam::around(rays[first].origin(), (first..PACKET).filter(present).map(|i| rays[i].inverse()));
+    let bounds =
+        RayBounds::around(rays[first].origin(), (first..PACKET).filter(present).map(|i| rays[i].inverse()));
     let tests = rays.each_ref().map(T::new);
 
     let Scene { bvh, triangles, .. } = scene;
@@ -58,7 +59,7 @@ pub(crate) fn trace<T: Test, const ANY: bool>(
         let enters =
             |i: usize| rays[i].is_valid() && slab::enters(&rays[i], &aabb, t_max[i], Ray::WIDEN).is_some();
         if !enters(first) {
-            if beam.misses(&aabb) {
+            if bounds.misses(&aabb) {
                 continue;
             }
             match (first + 1..PACKET).find(|&i| enters(i)) {
@@ -90,7 +91,7 @@ pub(crate) fn trace<T: Test, const ANY: bool>(
 }
 
 /// Bounds on the reciprocal directions of rays from one origin.
-struct Beam {
+struct RayBounds {
     origin: Vec3,
     least: Vec3,
     greatest: Vec3,
@@ -98,7 +99,7 @@ struct Beam {
     usable: [bool; 3],
 }
 
-impl Beam {
+impl RayBounds {
     fn around(origin: Vec3, inverses: impl Iterator<Item = Vec3>) -> Self {
         let start = (Vec3::INFINITY, Vec3::NEG_INFINITY);
         let (least, greatest) = inverses.fold(start, |(a, b), i| (a.min(i), b.max(i)));
