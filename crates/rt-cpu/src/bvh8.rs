@@ -16,32 +16,28 @@
 
 mod block;
 mod collapse;
+mod node;
 mod walk;
 
-use bvh_core::{Aabb, Bvh, Ray, SimdLevel, Triangles, Visits};
-use bytemuck::{Pod, Zeroable};
+use bvh_core::{Bvh, SimdLevel, Triangles};
 use fearless_simd::Level;
-use rayon::prelude::*;
 
-use crate::scene::with_test;
-use crate::simd::{detected, dispatch};
-use crate::{Hit, TriangleTest};
+use crate::simd::detected;
 
 use block::Block;
 use collapse::{Plan, collapse};
+use node::Node8;
 
 pub(crate) use walk::hit;
-
-/// Children of a node.
-const WIDTH: usize = 8;
 
 /// A second view of a [`Bvh`] and its triangles, for rays that have little in common: about twice
 /// as fast for these as the tree itself, once it is there.
 ///
-/// It holds copies of the tree's boxes and of the triangles' corners, 60 to 110 bytes a triangle
-/// (in trees nearly as high as they may be 300), and knows nothing of later changes: [`update`](Self::update) it after each. That pays from about
-/// one ray for every six triangles on. [`render`](crate::render) does so by itself for ambient
-/// occlusion and diffuse bounces; [`render_with`](crate::render_with) takes a view that is there.
+/// It holds copies of the tree's boxes and of the triangles' corners, 60 to 110 bytes a triangle (300
+/// in trees nearly as high as they may be), and knows nothing of later changes:
+/// [`update`](Self::update) it after each. That pays from about one ray for every six triangles on.
+/// [`render`](crate::render) does so by itself for ambient occlusion and diffuse bounces;
+/// [`render_with`](crate::render_with) takes a view that is there.
 ///
 /// ```
 /// use rt_cpu::{Bvh, Bvh8, Ray, TriangleTest, Triangles, Vec3};
@@ -66,42 +62,6 @@ pub struct Bvh8 {
     pub(crate) triangles: usize,
 }
 
-/// Eight boxes, plane by plane, and where their contents are.
-///
-/// ```text
-/// row 0-2  min x, y, z
-///     3    u32: bit 31 clear: number of the child node
-///               bit 31 set:   bits 0-30 number of the block
-///     4-6  max x, y, z; boxes of absent children are empty
-///     7    unused, so that a node is four cache lines
-/// ```
-#[repr(C, align(64))]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub(crate) struct Node8([[f32; WIDTH]; 8]);
-
-/// Row of what is in the boxes.
-const CHILDREN: usize = 3;
-const LEAF: u32 = 1 << 31;
-
-/// Rays that one thread traces at least.
-const BATCH: usize = 256;
-
-impl Node8 {
-    const EMPTY: Self = {
-        let (min, max, none) = ([f32::INFINITY; WIDTH], [f32::NEG_INFINITY; WIDTH], [0.0; WIDTH]);
-        Self([min, min, min, none, max, max, max, none])
-    };
-
-    #[inline]
-    fn set(&mut self, i: usize, aabb: &Aabb, child: u32) {
-        for axis in 0..3 {
-            self.0[axis][i] = aabb.min[axis];
-            self.0[axis + 4][i] = aabb.max[axis];
-        }
-        self.0[CHILDREN][i] = f32::from_bits(child);
-    }
-}
-
 impl Bvh8 {
     /// Makes a view of nothing, whose rays use the instructions of `level`, or the best that the
     /// machine has if that is less. Every level finds the same hits.
@@ -119,64 +79,6 @@ impl Bvh8 {
     pub fn update(&mut self, bvh: &Bvh, triangles: &Triangles<'_>) {
         self.triangles = triangles.indices.len();
         collapse(bvh, triangles, &mut self.plans, &mut self.nodes, &mut self.blocks);
-    }
-
-    /// Does what [`closest_hit`](crate::closest_hit) does on the tree that this is a view of.
-    #[must_use]
-    pub fn closest_hit(&self, ray: &Ray, t_max: f32, test: TriangleTest) -> Option<Hit> {
-        self.hit::<false>(ray, t_max, test, &mut Visits::default())
-    }
-
-    /// Does what [`any_hit`](crate::any_hit) does on the tree that this is a view of.
-    #[must_use]
-    pub fn any_hit(&self, ray: &Ray, t_max: f32, test: TriangleTest) -> bool {
-        self.hit::<true>(ray, t_max, test, &mut Visits::default()).is_some()
-    }
-
-    /// Does what [`closest_hit`](Self::closest_hit) does and adds what the ray visited to `visits`.
-    /// Nodes are those of this view, which stand for several of the tree; primitives stay as they
-    /// are, since triangles are tested by the block.
-    #[must_use]
-    pub fn closest_hit_counted(
-        &self,
-        ray: &Ray,
-        t_max: f32,
-        test: TriangleTest,
-        visits: &mut Visits,
-    ) -> Option<Hit> {
-        self.hit::<false>(ray, t_max, test, visits)
-    }
-
-    /// Does what [`any_hit`](Self::any_hit) does and adds what the ray visited to `visits`, as
-    /// [`closest_hit_counted`](Self::closest_hit_counted) does.
-    #[must_use]
-    pub fn any_hit_counted(&self, ray: &Ray, t_max: f32, test: TriangleTest, visits: &mut Visits) -> bool {
-        self.hit::<true>(ray, t_max, test, visits).is_some()
-    }
-
-    fn hit<const ANY: bool>(
-        &self,
-        ray: &Ray,
-        t_max: f32,
-        test: TriangleTest,
-        visits: &mut Visits,
-    ) -> Option<Hit> {
-        visits.queries += 1;
-        with_test!(test, T => dispatch!(self.level, simd => {
-            hit::<_, T, ANY>(simd, self, ray, t_max, visits, |_| true)
-        }))
-    }
-
-    /// Finds the [`closest_hit`](Self::closest_hit) of many rays in the current rayon pool:
-    /// `hits[i]` is that of `rays[i]`, with `0 <= t <= t_max[i]`.
-    ///
-    /// # Panics
-    /// If the slices differ in length.
-    pub fn closest_hits(&self, rays: &[Ray], t_max: &[f32], test: TriangleTest, hits: &mut [Option<Hit>]) {
-        assert_eq!(rays.len(), t_max.len(), "one t_max a ray");
-        assert_eq!(rays.len(), hits.len(), "one hit a ray");
-        let all = (rays.par_iter(), t_max.par_iter(), hits.par_iter_mut()).into_par_iter();
-        all.with_min_len(BATCH).for_each(|(ray, &t_max, hit)| *hit = self.closest_hit(ray, t_max, test));
     }
 }
 

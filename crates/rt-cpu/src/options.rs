@@ -1,10 +1,8 @@
-//! How to render, and what it took.
+//! How to render.
 
-use derive_more::{Add, AddAssign, Sum};
+use bvh_core::SimdLevel;
 
 use crate::TriangleTest;
-use crate::times::StageTimes;
-use bvh_core::SimdLevel;
 
 /// How rays are grouped to go through the tree. Images do not depend on it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -101,8 +99,8 @@ pub struct RenderOptions {
     /// every pixel (sample 0 in its middle) and with other random numbers. Their mean is the image;
     /// see [`Image::add`](crate::Image::add).
     pub sample: u32,
-    /// Whether to take [`RenderStats::times`], at the price of some looks at the clock for each
-    /// tile.
+    /// Whether to take [`RenderStats::times`](crate::RenderStats::times), at the price of some looks
+    /// at the clock for each tile.
     pub timed: bool,
 }
 
@@ -120,42 +118,5 @@ impl Default for RenderOptions {
             sample: 0,
             timed: false,
         }
-    }
-}
-
-/// What rendering a frame took. Numbers of rays, except for `rays_again`, and of hits are the same
-/// for every [`Traversal`].
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Add, AddAssign, Sum)]
-pub struct RenderStats {
-    /// Rays from the eye: one a pixel.
-    pub rays_primary: u64,
-    /// Rays from the light: one for each hit that faces it.
-    pub rays_shadow: u64,
-    /// Rays reflected by mirrors.
-    pub rays_mirror: u64,
-    /// Rays that look for what hides the sky.
-    pub rays_ambient_occlusion: u64,
-    /// Rays reflected by diffuse surfaces.
-    pub rays_bounce: u64,
-    /// Rays from the eye or the light traced a second time because they met a surface with holes.
-    pub rays_again: u64,
-    /// Rays from the eye that hit something.
-    pub hits: u64,
-    /// Shadow rays that did not arrive.
-    pub shadowed: u64,
-    /// Inner nodes opened, once for each ray or packet.
-    pub nodes_visited: u64,
-    /// Surfaces whose colour was read from a texture.
-    pub textured: u64,
-    /// How long the stages took, if [`RenderOptions::timed`].
-    pub times: StageTimes,
-}
-
-impl RenderStats {
-    /// Rays of all kinds, those that were traced a second time once more.
-    #[must_use]
-    pub fn rays(&self) -> u64 {
-        let direct = self.rays_primary + self.rays_shadow + self.rays_again;
-        direct + self.rays_mirror + self.rays_ambient_occlusion + self.rays_bounce
     }
 }

@@ -8,12 +8,12 @@ use fearless_simd::Simd;
 use rayon::prelude::*;
 
 use crate::cast::{Frame, TILE, Tile, cast_tile};
-use crate::options::{Effects, Output, RenderOptions, RenderStats, Traversal};
+use crate::options::{Effects, Output, RenderOptions, Traversal};
 use crate::scene::{Scene, with_test};
 use crate::shade::{PointLight, Shader};
 use crate::simd::{detected, dispatch};
 use crate::sink::{Look, Rows, TilePixel};
-use crate::times::Tally;
+use crate::times::{RenderStats, Tally};
 use crate::wavefront::Wavefront;
 use crate::wide::WideTest;
 use crate::{Bvh8, Camera, Image, Mesh, Pixel};

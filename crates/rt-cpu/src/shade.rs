@@ -1,7 +1,6 @@
 //! Light and background.
 
 use bvh_core::Vec3;
-use bytemuck::Zeroable;
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
@@ -9,7 +8,7 @@ use crate::Mesh;
 use crate::cast::Tile;
 use crate::simd::{dot, load, load3, max, normalize, store3};
 use crate::times::Tally;
-use crate::wave::{Coordinates, RAYS, at, set};
+use crate::wave::{RAYS, at, set};
 
 /// A point that shines alike in all directions and to any distance from 1e-19 to 1e19; surfaces
 /// nearer or farther get no light. Shadow rays come from the light and end above the surface, by
@@ -36,16 +35,6 @@ pub(crate) struct Shader<'a> {
     pub(crate) light: Option<&'a PointLight>,
     pub(crate) smooth: bool,
     pub(crate) textures: bool,
-}
-
-/// What is known of a tile's surfaces before they are shaded.
-#[derive(Zeroable)]
-pub(crate) struct Appearance {
-    pub(crate) albedo: Coordinates,
-    /// Unit normals on the viewer's side.
-    pub(crate) normal: Coordinates,
-    /// Part of the constant light from everywhere that arrives.
-    pub(crate) open: [f32; RAYS],
 }
 
 impl Shader<'_> {

@@ -21,6 +21,16 @@ pub(crate) struct Surfaces {
     pub(crate) max_coordinate: [f32; RAYS],
 }
 
+/// What is known of a tile's surfaces before they are shaded.
+#[derive(Zeroable)]
+pub(crate) struct Appearance {
+    pub(crate) albedo: Coordinates,
+    /// Unit normals on the viewer's side.
+    pub(crate) normal: Coordinates,
+    /// Part of the constant light from everywhere that arrives.
+    pub(crate) open: [f32; RAYS],
+}
+
 impl Surfaces {
     /// Finds the surfaces that the rays of `seen` hit.
     #[inline(always)]

@@ -21,18 +21,19 @@
 //! that far in good trees, where testing it at every node costs time (`docs/BENCHMARKS.md`, bad
 //! trees).
 
+mod context;
 mod cut;
 mod leaf;
 mod packet;
 mod walk;
 
-use bvh_core::{MAX_HEIGHT, Vec3};
+use bvh_core::Vec3;
 use bytemuck::Zeroable;
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
-use self::cut::Cut;
-use self::packet::Packet;
+use self::context::Context;
+pub(crate) use self::context::Scratch;
 use crate::frustum::{Frame, Frustum, Sides};
 use crate::scene::Scene;
 use crate::simd::{bits, load, load3, max, min, vectorize};
@@ -41,29 +42,6 @@ use crate::wide::{RayOctant, WideTest};
 
 /// Rays that share a cut: those of 32 x 32 pixels.
 const SHARED: usize = 1024;
-
-/// What is needed again and again; a tile's worth of it.
-#[derive(Zeroable)]
-pub(crate) struct Scratch {
-    packet: Packet,
-    stack: [(u32, u64); MAX_HEIGHT as usize + 1],
-    group_stack: [(u32, u64); MAX_HEIGHT as usize + 1],
-    cut: Cut,
-    /// Those of the packet's frustum; zeroed until needed.
-    sides: Sides,
-    /// Inner nodes visited.
-    pub(crate) nodes: u64,
-}
-
-/// What all steps of a packet through the tree share.
-#[derive(Clone, Copy)]
-struct Context<'a, S> {
-    simd: S,
-    scene: Scene<'a>,
-    octant: &'a RayOctant,
-    /// The packet's, if its rays have one.
-    frustum: Option<(&'a Frame, &'a Frustum)>,
-}
 
 /// Traces a wave. For `ANY` hits are any, not the closest, and only the primitives count.
 #[inline(always)]

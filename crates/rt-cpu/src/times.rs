@@ -1,10 +1,9 @@
-//! How long the stages of a frame took.
+//! What rendering a frame took: rays, and the time of each stage.
 
 use std::time::{Duration, Instant};
 
 use derive_more::{Add, AddAssign, Sum};
 
-use crate::RenderStats;
 use crate::scene::Work;
 
 /// Time by what it was spent on, added up over threads: on `n` busy threads it passes `n` times as
@@ -34,6 +33,43 @@ impl StageTimes {
     pub fn total(&self) -> Duration {
         let Self { primary, alpha, textures, shadow, mirror, ambient_occlusion, diffuse_bounces } = *self;
         primary + alpha + textures + shadow + mirror + ambient_occlusion + diffuse_bounces
+    }
+}
+
+/// What rendering a frame took. Numbers of rays, except for `rays_again`, and of hits are the same
+/// for every [`Traversal`](crate::Traversal).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Add, AddAssign, Sum)]
+pub struct RenderStats {
+    /// Rays from the eye: one a pixel.
+    pub rays_primary: u64,
+    /// Rays from the light: one for each hit that faces it.
+    pub rays_shadow: u64,
+    /// Rays reflected by mirrors.
+    pub rays_mirror: u64,
+    /// Rays that look for what hides the sky.
+    pub rays_ambient_occlusion: u64,
+    /// Rays reflected by diffuse surfaces.
+    pub rays_bounce: u64,
+    /// Rays from the eye or the light traced a second time because they met a surface with holes.
+    pub rays_again: u64,
+    /// Rays from the eye that hit something.
+    pub hits: u64,
+    /// Shadow rays that did not arrive.
+    pub shadowed: u64,
+    /// Inner nodes opened, once for each ray or packet.
+    pub nodes_visited: u64,
+    /// Surfaces whose colour was read from a texture.
+    pub textured: u64,
+    /// How long the stages took, if [`RenderOptions::timed`](crate::RenderOptions::timed).
+    pub times: StageTimes,
+}
+
+impl RenderStats {
+    /// Rays of all kinds, those that were traced a second time once more.
+    #[must_use]
+    pub fn rays(&self) -> u64 {
+        let direct = self.rays_primary + self.rays_shadow + self.rays_again;
+        direct + self.rays_mirror + self.rays_ambient_occlusion + self.rays_bounce
     }
 }
 

@@ -20,7 +20,7 @@ use bvh_core::{Aabb, Bvh, Node, Primitives, Triangles};
 use rayon::Scope;
 
 use super::block::{Block, SIZE};
-use super::{LEAF, Node8, WIDTH};
+use super::node::{LEAF, Node8, WIDTH};
 
 /// Height from which on the two sides of a binary node are planned at the same time: some thousand
 /// nodes in a good tree.

@@ -1,20 +1,68 @@
-//! One ray through a tree of eight children a node.
+//! Rays through a tree of eight children a node.
 
 use arrayvec::ArrayVec;
-use bvh_core::{MAX_HEIGHT, Ray};
+use bvh_core::{MAX_HEIGHT, Ray, Visits};
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x8};
+use rayon::prelude::*;
 
+use super::Bvh8;
 use super::block::Each;
-use super::{Bvh8, CHILDREN, LEAF, Node8, WIDTH};
-use crate::Hit;
-use crate::scene::Work;
-use crate::simd::{load, max, min, splat3};
+use super::node::{CHILDREN, LEAF, Node8, WIDTH};
+use crate::scene::with_test;
+use crate::simd::{dispatch, load, max, min, splat3};
 use crate::wide::{WideTest, in_all_lanes};
+use crate::{Hit, TriangleTest};
 
 /// Most that is put off at a time: seven children a level of the binary tree, and of what large
 /// leaves are cut into.
 const STACK: usize = (WIDTH - 1) * (MAX_HEIGHT as usize + 32) + 1;
+
+/// Rays that one thread traces at least.
+const BATCH: usize = 256;
+
+impl Bvh8 {
+    /// Does what [`closest_hit`](crate::closest_hit) does on the tree that this is a view of.
+    #[must_use]
+    pub fn closest_hit(&self, ray: &Ray, t_max: f32, test: TriangleTest) -> Option<Hit> {
+        self.hit::<false>(ray, t_max, test, &mut Visits::default())
+    }
+
+    /// Does what [`any_hit`](crate::any_hit) does on the tree that this is a view of.
+    #[must_use]
+    pub fn any_hit(&self, ray: &Ray, t_max: f32, test: TriangleTest) -> bool {
+        self.hit::<true>(ray, t_max, test, &mut Visits::default()).is_some()
+    }
+
+    /// Does what [`closest_hit`](Self::closest_hit) does, or if `ANY` finds the first hit met, and
+    /// adds what the ray visited to `visits`. Nodes are those of this view, which stand for several
+    /// of the tree; triangles, which are tested by the block, are not counted.
+    #[must_use]
+    pub fn hit<const ANY: bool>(
+        &self,
+        ray: &Ray,
+        t_max: f32,
+        test: TriangleTest,
+        visits: &mut Visits,
+    ) -> Option<Hit> {
+        visits.queries += 1;
+        with_test!(test, T => dispatch!(self.level, simd => {
+            hit::<_, T, ANY>(simd, self, ray, t_max, visits, |_| true)
+        }))
+    }
+
+    /// Finds the [`closest_hit`](Self::closest_hit) of many rays in the current rayon pool:
+    /// `hits[i]` is that of `rays[i]`, with `0 <= t <= t_max[i]`.
+    ///
+    /// # Panics
+    /// If the slices differ in length.
+    pub fn closest_hits(&self, rays: &[Ray], t_max: &[f32], test: TriangleTest, hits: &mut [Option<Hit>]) {
+        assert_eq!(rays.len(), t_max.len(), "one t_max a ray");
+        assert_eq!(rays.len(), hits.len(), "one hit a ray");
+        let all = (rays.par_iter(), t_max.par_iter(), hits.par_iter_mut()).into_par_iter();
+        all.with_min_len(BATCH).for_each(|(ray, &t_max, hit)| *hit = self.closest_hit(ray, t_max, test));
+    }
+}
 
 /// A ray in eight lanes, for as many boxes.
 struct Ray8<S: Simd> {
@@ -64,7 +112,7 @@ pub(crate) fn hit<S: Simd, T: WideTest, const ANY: bool>(
     tree: &Bvh8,
     ray: &Ray,
     mut t_max: f32,
-    work: &mut Work,
+    work: &mut Visits,
     counts: impl Fn(&Hit) -> bool,
 ) -> Option<Hit> {
     let mut best = None::<Hit>;

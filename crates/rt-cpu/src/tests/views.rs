@@ -45,8 +45,8 @@ fn visits_are_counted_and_change_no_hit() {
     let (mut closest, mut any, test) = (Visits::default(), Visits::default(), TriangleTest::Watertight);
     for ray in &random_rays(100) {
         let hit = wide.closest_hit(ray, f32::INFINITY, test);
-        assert_eq!(wide.closest_hit_counted(ray, f32::INFINITY, test, &mut closest), hit);
-        assert_eq!(wide.any_hit_counted(ray, f32::INFINITY, test, &mut any), hit.is_some());
+        assert_eq!(wide.hit::<false>(ray, f32::INFINITY, test, &mut closest), hit);
+        assert_eq!(wide.hit::<true>(ray, f32::INFINITY, test, &mut any).is_some(), hit.is_some());
     }
     assert_eq!((closest.queries, any.queries), (100, 100));
     assert!(any.nodes > 100 && closest.nodes > any.nodes, "{any:?} {closest:?}");

@@ -7,7 +7,7 @@ use bvh_core::{Node, Ray, Vec3};
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, mask32x16};
 
-use super::Context;
+use super::context::Context;
 use super::packet::{GROUP, GROUP_MASK, LANES, Packet};
 use crate::simd::{bits, load, load3, max};
 use crate::wide::{self, Slab, V, WideTest};

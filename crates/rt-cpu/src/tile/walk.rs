@@ -6,9 +6,9 @@ use bvh_core::{Node, Primitives, Vec3, prefetch};
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
 
+use super::context::{Context, Scratch};
 use super::leaf::test_leaf;
 use super::packet::{GROUP, Packet};
-use super::{Context, Scratch};
 use crate::frustum::Sides;
 use crate::scene::Scene;
 use crate::simd::{load, load3, vectorize};
