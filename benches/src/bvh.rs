@@ -7,7 +7,7 @@ use bvh_core::{Ray, Triangles, Vec3};
 use nalgebra::Point3;
 use rt_cpu::Hit;
 
-use crate::field::{Contest, Entry};
+use crate::contest::{Contest, Entry};
 use crate::mesh::{Mesh, intersect};
 use crate::sah::sah;
 use crate::{Contestant, Failure, Hits, RAYS, Rays};

@@ -5,21 +5,19 @@
 
 mod api;
 mod load;
+mod not_found;
 mod scene;
 
 use std::path::Path;
 use std::sync::Arc;
 
-pub use load::NotFound;
+pub use not_found::{NotFound, VARIABLE};
 
 use bvh_core::SimdLevel;
 
-use crate::field::{Contest, Entry};
+use crate::contest::{Contest, Entry};
 use api::{Api, DeviceHandle};
 use scene::{Config, Quality, Scene, Width};
-
-/// Name of the environment variable that says where Embree is.
-pub const VARIABLE: &str = "PIVOT_EMBREE";
 
 /// The loaded library.
 #[derive(Clone)]

@@ -18,7 +18,7 @@ use bvh_core::{Triangles, Vec3};
 use rayon::prelude::*;
 use rt_cpu::Hit;
 
-use crate::field::{Contest, Entry};
+use crate::contest::{Contest, Entry};
 use crate::mesh::{Mesh, intersect};
 use crate::sah::sah;
 use crate::{Contestant, Failure, Hits, RAYS, Rays};

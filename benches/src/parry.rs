@@ -6,7 +6,7 @@ use parry3d::math::Vector;
 use parry3d::partitioning::{Bvh, BvhBuildStrategy, BvhWorkspace, TraversalAction};
 use parry3d::query::Ray;
 
-use crate::field::{Contest, Entry};
+use crate::contest::{Contest, Entry};
 use crate::mesh::{Mesh, intersect};
 use crate::sah::sah;
 use crate::{Contestant, Failure, Hits, RAYS, Rays};

@@ -7,7 +7,7 @@ use bvh_core::{Bvh, Ray, SimdLevel, Triangles, Vec3, sah_cost};
 use bvh_update::{Load, Rotate, Strategy, Updater};
 use rt_cpu::{Bvh8, Pixel, PointLight, RenderOptions, Traversal, TriangleTest, any_hit, cast, closest_hit};
 
-use crate::field::{Contest, Entry};
+use crate::contest::{Contest, Entry};
 use crate::mesh::Mesh;
 use crate::{Contestant, Failure, Hits, RAYS, Rays, View, view};
 

@@ -1,4 +1,5 @@
-//! Casting the rays of a picture, and comparing what contestants say of them.
+//! What every contestant does, casting the rays of a picture, and comparing what contestants say of
+//! them.
 
 use bvh_core::{Triangles, Vec3};
 use bytemuck::Zeroable;
@@ -6,7 +7,57 @@ use fearless_simd::{Level, Simd, dispatch};
 use rayon::prelude::*;
 use rt_cpu::{Camera, Pixel};
 
-use crate::{Contestant, Hits, RAYS, Rays};
+use crate::{Failure, Hits, RAYS, Rays};
+
+/// One library in one configuration, with the triangles it was made for.
+///
+/// Everything runs in the current rayon pool; Embree on as many threads as its device was made for.
+pub trait Contestant: Send + Sync {
+    /// Takes positions of the vertices, as many as it was made with.
+    fn pose(&mut self, positions: &[Vec3]);
+
+    /// Brings the tree up to date with the positions; the first time, builds it.
+    ///
+    /// # Errors
+    /// If the library reports an error.
+    fn update(&mut self) -> Result<(), Failure>;
+
+    /// Whether updates learn from what is cast: it is to be shown every frame then, measured or
+    /// not.
+    fn learns(&self) -> bool {
+        false
+    }
+
+    /// SAH cost of the tree as [`bvh_core::sah_cost`] defines it; `None` if the tree cannot be read
+    /// or has other than two children a node.
+    fn sah_cost(&self) -> Option<f64> {
+        None
+    }
+
+    /// Finds the first triangle along each ray.
+    fn closest(&self, rays: &Rays, hits: &mut Hits);
+
+    /// Finds whether anything lies along each ray. Answers beyond the number of rays have no
+    /// meaning.
+    fn occluded(&self, rays: &Rays, blocked: &mut [bool; RAYS]);
+
+    /// The triangles as they are now.
+    fn triangles(&self) -> Triangles<'_>;
+
+    /// Whether [`closest`](Self::closest) gives normals of what it hits: shadow rays are made from
+    /// these then, rather than from the triangles.
+    fn gives_normals(&self) -> bool {
+        false
+    }
+
+    /// Casts the primary and the shadow rays of every pixel of a view, in tiles over all threads.
+    ///
+    /// # Panics
+    /// If the number of pixels is not that of the view's camera.
+    fn cast(&self, view: &View, pixels: &mut [Pixel]) {
+        cast(self, view, pixels);
+    }
+}
 
 /// What is looked at, and where the light is.
 #[derive(Clone, Copy, Debug)]

@@ -8,7 +8,7 @@ use std::{mem, ptr};
 use bytemuck::Zeroable;
 use libloading::Library;
 
-use super::load::NotFound;
+use super::not_found::NotFound;
 use crate::Failure;
 
 pub(super) const SCENE_DYNAMIC: c_int = 1;

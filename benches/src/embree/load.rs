@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 
 use libloading::Library;
 
-use super::VARIABLE;
 use super::api::Api;
+use super::not_found::{NotFound, VARIABLE};
 
 /// Names that the system's loader may know, best first.
 const NAMES: [&str; 7] = [
@@ -21,33 +21,6 @@ const NAMES: [&str; 7] = [
     "libembree4.4.dylib",
     "embree4.dll",
 ];
-
-/// Why there is no Embree.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum NotFound {
-    /// Nothing of the usual names.
-    #[error(
-        "Embree is not installed, so it is left out; to have it, install it (Debian's libembree3-3 has version \
-         3) or unpack the wheel `pip download --no-deps embreex` gives (version 4), and name the library or its \
-         folder with --embree or in {VARIABLE}"
-    )]
-    Nowhere,
-    /// Nothing at the path that was given.
-    #[error("{0}: no Embree there; expected libembree4 or libembree3, or a folder with one of them")]
-    NotThere(PathBuf),
-    /// It is there, but does not load.
-    #[error("{path}: cannot be loaded as Embree: {reason}")]
-    Broken {
-        /// The library.
-        path: PathBuf,
-        /// What the system's loader said.
-        reason: String,
-    },
-    /// It gives no device.
-    #[error("Embree gives no device on this machine (error {0})")]
-    Device(i32),
-}
 
 pub(super) fn load(path: Option<&Path>) -> Result<Api, NotFound> {
     let named = path
