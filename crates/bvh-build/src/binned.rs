@@ -70,7 +70,7 @@ pub(crate) fn build<L: Leaves>(
     slot: SubtreeSlot,
 ) {
     let n = prims.len();
-    crate::make_room(spare, n, PrimRef::NOTHING, threads);
+    crate::lists::make_room(spare, n, PrimRef::NOTHING, threads);
     let tasks = if threads > 1 { (n / GRAIN).min(TASKS * threads) } else { 1 };
     all_bins.resize(tasks.max(bins_for(n)), Bins::EMPTY);
     let bins = bins.clamp(2, MAX_BINS as u32) as usize;

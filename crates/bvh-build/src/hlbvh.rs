@@ -11,7 +11,7 @@ use bvh_core::MAX_HEIGHT;
 use rayon::prelude::*;
 
 use crate::binned::{self, Bins, Leaves};
-use crate::bytes_of;
+use crate::lists::bytes_of;
 use crate::morton::{self, least_parts};
 use crate::prim_ref::{Bounds, PrimRef};
 use crate::radix::Key;

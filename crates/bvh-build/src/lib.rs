@@ -39,9 +39,11 @@ mod binned;
 mod hlbvh;
 mod layout;
 mod leaves;
+mod lists;
 mod morton;
 mod neighbor_search;
 mod offline_rotations;
+mod optimized;
 mod options;
 mod ploc;
 mod poses;
@@ -53,12 +55,13 @@ mod small_trees;
 mod subtree_slot;
 mod sweep;
 mod tree;
+mod with_methods;
 
 use bvh_core::{Bvh, MAX_PRIMITIVES, Node, Pair, Primitives};
-use rayon::prelude::*;
 use thiserror::Error;
 
 pub use crate::offline_rotations::{Anneal, HillClimb, anneal, hill_climb};
+pub use crate::optimized::Optimized;
 pub use crate::options::{BuildOptions, Builder};
 pub use crate::poses::build_over_poses;
 pub use crate::reinsert::{Reinsert, ReinsertScratch, reinsert};
@@ -66,6 +69,7 @@ pub use bvh_core::UnknownName;
 
 use crate::binned::{Bins, OnePrimitive};
 use crate::hlbvh::ClusterMemory;
+use crate::lists::{bytes_of, make_room};
 use crate::morton::{Codes, with_keys};
 use crate::ploc::PlocMemory;
 use crate::prim_ref::{Gathered, PrimRef};
@@ -74,20 +78,6 @@ use crate::tree::Boxes;
 
 #[cfg(test)]
 mod tests;
-
-/// What an optimisation did to a tree.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[non_exhaustive]
-pub struct Optimized {
-    /// Passes over the tree.
-    pub passes: u32,
-    /// Rotations applied, or subtrees moved.
-    pub changes: u64,
-    /// SAH cost before ([`sah_cost`](bvh_core::sah_cost)).
-    pub before: f64,
-    /// SAH cost after.
-    pub after: f64,
-}
 
 /// Why no tree was built.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
@@ -149,25 +139,6 @@ impl BuildScratch {
 }
 
 const NO_PAIR: Pair = Pair([Node::NOTHING; 2]);
-
-/// Fewest entries of a list for a thread to write; not tuned.
-const ROOM: usize = 4096;
-
-/// Gives a list `n` entries of any content. Where its memory grows, all threads write it first, so
-/// that they share the page faults (`docs/TUNING.md`, first builds). Not on WebAssembly, where the
-/// code for it is a hundredth of the viewer's page.
-fn make_room<T: Copy + Send + Sync>(list: &mut Vec<T>, n: usize, value: T, threads: usize) {
-    if cfg!(not(target_family = "wasm")) && threads > 1 && list.capacity() < n {
-        rayon::iter::repeat_n(value, n).with_min_len(ROOM).collect_into_vec(list);
-    } else {
-        list.resize(n, value);
-    }
-}
-
-/// Memory of a list, used or not.
-fn bytes_of<T>(list: &Vec<T>) -> usize {
-    list.capacity() * size_of::<T>()
-}
 
 /// Builds a tree over `primitives` with default options: one primitive a leaf.
 ///

@@ -10,7 +10,7 @@ use bvh_core::glam::Vec4;
 use bvh_core::{MAX_HEIGHT, Node, prefetch};
 use rayon::prelude::*;
 
-use crate::bytes_of;
+use crate::lists::bytes_of;
 use crate::prim_ref::{Bounds, PrimRef};
 use crate::radix::{Counts, Key, sort};
 use crate::subtree_slot::SubtreeSlot;
@@ -118,7 +118,7 @@ impl Grid {
 
 /// The keys of all primitives: codes, and below them the places in `prims`.
 fn encode<K: Key>(prims: &[PrimRef], centers: &Bounds, keys: &mut Vec<K>, threads: usize) {
-    crate::make_room(keys, prims.len(), K::MAX, threads);
+    crate::lists::make_room(keys, prims.len(), K::MAX, threads);
     let grid = Grid::new(centers, K::AXIS);
     let parts = prims.par_chunks(GRAIN).zip(keys.par_chunks_mut(GRAIN)).enumerate();
     let parts = parts.with_min_len(least_parts(threads));

@@ -19,7 +19,7 @@ use bvh_core::rotation::{area_changes_at, best, rotate};
 use bvh_core::{Bvh, Node, Rotation, sah_cost};
 
 use crate::layout::depth_first;
-use crate::options::with_methods;
+use crate::with_methods::with_methods;
 use crate::{Optimized, raw};
 
 /// The budget of [`hill_climb`].

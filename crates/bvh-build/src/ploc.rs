@@ -20,7 +20,7 @@ use std::ops::Range;
 use bvh_core::{MAX_HEIGHT, Node, prefetch};
 use rayon::prelude::*;
 
-use crate::bytes_of;
+use crate::lists::bytes_of;
 use crate::morton::{AHEAD, Sorted, least_parts, with_keys};
 use crate::neighbor_search::{self, MAX_RADIUS, Window};
 use crate::prim_ref::PrimRef;
@@ -84,9 +84,9 @@ pub(crate) fn build(
 ) {
     let n = prims.len();
     let PlocMemory { leaves, spare, nearest, mergers, parts } = memory;
-    crate::make_room(spare, n, PrimRef::NOTHING, threads);
-    crate::make_room(nearest, n, 0, threads);
-    crate::make_room(mergers, n - 1, Merger { left: 0, right: 0, size: 0 }, threads);
+    crate::lists::make_room(spare, n, PrimRef::NOTHING, threads);
+    crate::lists::make_room(nearest, n, 0, threads);
+    crate::lists::make_room(mergers, n - 1, Merger { left: 0, right: 0, size: 0 }, threads);
     with_keys!(sorted, keys => gather(keys, prims, leaves, threads));
     let mut window = Window::new(radius.clamp(1, MAX_RADIUS as u32) as usize);
     let (mut from, mut to) = (&mut spare[..], prims);

@@ -182,7 +182,7 @@ pub(crate) fn gather<P: Primitives + ?Sized>(
     threads: usize,
 ) -> Gathered {
     dropped.clear();
-    crate::make_room(boxed, n, PrimRef::NOTHING, threads);
+    crate::lists::make_room(boxed, n, PrimRef::NOTHING, threads);
     let mut all = if threads > 1 && n > PART {
         let parts = boxed.par_chunks_mut(PART).enumerate();
         parts.map(|(i, part)| copy(primitives, i * PART, part)).reduce(|| Summary::NOTHING, Summary::and)

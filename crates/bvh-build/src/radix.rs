@@ -79,7 +79,7 @@ pub(crate) fn sort<K: Key>(keys: &mut Vec<K>, spare: &mut Vec<K>, counts: &mut V
     if keys.len() < FEW {
         return keys.sort_unstable();
     }
-    crate::make_room(spare, keys.len(), K::MAX, threads);
+    crate::lists::make_room(spare, keys.len(), K::MAX, threads);
     // With more than `PART` parts there may be fewer chunks than parts, and counts of an earlier
     // digit would remain.
     let parts = (keys.len() / PART).clamp(1, threads.min(PART));

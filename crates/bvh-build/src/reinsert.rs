@@ -19,7 +19,7 @@
 use bvh_core::{Bvh, COST_TRAVERSE, MAX_HEIGHT, Node, prefetch};
 use rayon::prelude::*;
 
-use crate::options::with_methods;
+use crate::with_methods::with_methods;
 use crate::tree::{Boxes, Tree};
 use crate::{Optimized, raw};
 

@@ -2,12 +2,6 @@
 
 use crate::Bvh;
 
-/// Cost of visiting an inner node.
-pub const COST_TRAVERSE: f64 = 1.0;
-
-/// Cost of testing one primitive.
-pub const COST_INTERSECT: f64 = 1.0;
-
 /// Computes the SAH cost of a tree, the expected cost of a ray that hits the root's box (Goldsmith
 /// and Salmon 1987):
 ///

@@ -73,14 +73,14 @@ mod validate;
 
 pub use aabb::Aabb;
 pub use bvh::{Bvh, MAX_HEIGHT, MAX_PRIMITIVES, OnPanic, Pair, Parts};
-pub use cost::{COST_INTERSECT, COST_TRAVERSE, sah_cost};
+pub use cost::sah_cost;
 #[doc(no_inline)]
 pub use glam;
 #[doc(no_inline)]
 pub use glam::Vec3;
 pub use hit::Hit;
 pub use named::UnknownName;
-pub use node::{MAX_LEAF_SIZE, Node};
+pub use node::{COST_INTERSECT, COST_TRAVERSE, MAX_LEAF_SIZE, Node};
 pub use pick::{
     any_hit, any_hit_counted, closest_hit, closest_hit_brute, closest_hit_counted, closest_hit_where,
 };

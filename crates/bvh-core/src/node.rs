@@ -2,10 +2,16 @@
 
 use glam::{Vec3, Vec4};
 
-use crate::{Aabb, COST_INTERSECT, COST_TRAVERSE};
+use crate::Aabb;
 
 /// Largest number of primitives in one leaf.
 pub const MAX_LEAF_SIZE: u32 = (1 << 24) - 1;
+
+/// Cost of visiting an inner node.
+pub const COST_TRAVERSE: f64 = 1.0;
+
+/// Cost of testing one primitive.
+pub const COST_INTERSECT: f64 = 1.0;
 
 /// A node of a [`Bvh`](crate::Bvh), inner or leaf, with its box.
 ///

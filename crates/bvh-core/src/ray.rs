@@ -1,8 +1,6 @@
-//! Rays and the conservative test of a ray against a box.
+//! Rays.
 
 use glam::Vec3;
-
-use crate::{Aabb, slab};
 
 /// A ray with what box tests need precomputed.
 #[derive(Clone, Copy, Debug)]
@@ -60,25 +58,12 @@ impl Ray {
     pub fn is_valid(&self) -> bool {
         !self.origin.is_nan()
     }
-
-    /// Returns the distance at which the ray enters `aabb` between 0 and `t_max`, or `None`: always
-    /// so for [`Aabb::EMPTY`], an invalid ray, and a `t_max` that is negative or NaN.
-    ///
-    /// Conservative by [`WIDEN`](Self::WIDEN): rounding never turns a hit into a miss, not even one
-    /// at `t_max`. The exceptions lie at the ends of the range of `f32`. A component of the
-    /// direction that is not zero, but less than 2.9e-39 in magnitude, counts as zero, since one
-    /// over it is infinite. A box may be missed at a distance below 1.2e-38, or if it is so far
-    /// from the origin that the difference is infinite.
-    #[must_use]
-    #[inline]
-    pub fn enters(&self, aabb: &Aabb, t_max: f32) -> Option<f32> {
-        slab::enters(self, aabb, t_max * Self::WIDEN, Self::WIDEN).filter(|_| self.is_valid())
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Aabb;
 
     const CUBE: Aabb = Aabb::new(Vec3::ZERO, Vec3::ONE);
 

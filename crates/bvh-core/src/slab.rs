@@ -34,3 +34,19 @@ pub fn enters(ray: &Ray, aabb: &Aabb, t_max: f32, widen: f32) -> Option<f32> {
     }
     (near <= far).then_some(near)
 }
+
+impl Ray {
+    /// Returns the distance at which the ray enters `aabb` between 0 and `t_max`, or `None`: always
+    /// so for [`Aabb::EMPTY`], an invalid ray, and a `t_max` that is negative or NaN.
+    ///
+    /// Conservative by [`WIDEN`](Self::WIDEN): rounding never turns a hit into a miss, not even one
+    /// at `t_max`. The exceptions lie at the ends of the range of `f32`. A component of the
+    /// direction that is not zero, but less than 2.9e-39 in magnitude, counts as zero, since one
+    /// over it is infinite. A box may be missed at a distance below 1.2e-38, or if it is so far
+    /// from the origin that the difference is infinite.
+    #[must_use]
+    #[inline]
+    pub fn enters(&self, aabb: &Aabb, t_max: f32) -> Option<f32> {
+        enters(self, aabb, t_max * Self::WIDEN, Self::WIDEN).filter(|_| self.is_valid())
+    }
+}

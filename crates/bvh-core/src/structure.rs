@@ -41,6 +41,41 @@ pub enum Malformed {
 }
 
 impl Bvh {
+    /// Makes a tree of the given nodes over `order.len()` primitives; see [`Bvh`] for the layout.
+    ///
+    /// Boxes are [`sanitized`](crate::Aabb::sanitized) and otherwise taken as they are. Heights are
+    /// computed, and so are the dynamic bits of inner nodes. Leaves without primitives, and pairs
+    /// that are in no subtree, become [`Node::NOTHING`]. O(n) time and temporary memory.
+    ///
+    /// A tree is saved as its [`nodes`](Self::nodes), which are plain data
+    /// ([`bytemuck`](https://docs.rs/bytemuck)), and its [`order`](Self::order). Made of these
+    /// again it is the same tree, but updates have nothing to go on from: `Auto` takes it for as
+    /// good as new. [`validate`](Self::validate) says whether it fits the primitives; if these
+    /// have moved, refit it.
+    ///
+    /// ```
+    /// use bvh_core::{Aabb, Bvh, Node, Vec3};
+    ///
+    /// let unit = Aabb::new(Vec3::ZERO, Vec3::ONE);
+    /// let bvh = Bvh::new(&[Node::leaf(unit, 0, 1), Node::NOTHING], vec![0])?;
+    /// let saved: (Vec<u8>, Vec<u32>) = (bytemuck::cast_slice(bvh.nodes()).to_vec(), bvh.order().to_vec());
+    /// let nodes: Vec<Node> = bytemuck::pod_collect_to_vec(&saved.0);
+    /// let loaded = Bvh::new(&nodes, saved.1)?;
+    /// assert_eq!(loaded.fingerprint(), bvh.fingerprint());
+    /// assert!(loaded.validate(&[unit]).is_ok());
+    /// # Ok::<(), bvh_core::Malformed>(())
+    /// ```
+    ///
+    /// # Errors
+    /// If the structure is not that of a tree.
+    pub fn new(nodes: &[Node], order: Vec<u32>) -> Result<Self, Malformed> {
+        if nodes.is_empty() || !nodes.len().is_multiple_of(2) {
+            return Err(Malformed::NodeCount(nodes.len()));
+        }
+        let pairs = nodes.chunks_exact(2).map(|p| Pair([p[0], p[1]])).collect();
+        Self { pairs, order, ..Self::default() }.checked()
+    }
+
     /// The tree if its structure is valid, with everything computed that follows from nodes and
     /// order.
     pub(crate) fn checked(mut self) -> Result<Self, Malformed> {

@@ -2,7 +2,7 @@
 //! are refused.
 
 use super::*;
-use crate::{Aabb, Vec3};
+use crate::{Aabb, Malformed, Vec3};
 
 pub(crate) const BOX: Aabb = Aabb::new(Vec3::ZERO, Vec3::ONE);
 
