@@ -19,8 +19,8 @@
 use bvh_core::{Bvh, COST_TRAVERSE, MAX_HEIGHT, Node, prefetch};
 use rayon::prelude::*;
 
-use crate::with_methods::with_methods;
 use crate::tree::{Boxes, Tree};
+use crate::with_methods::with_methods;
 use crate::{Optimized, raw};
 
 /// The budget of [`reinsert`](fn@reinsert).
