@@ -1,33 +1,8 @@
 //! Builders allocate nothing once their scratch memory is large enough.
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
-
 use bvh_build::{BuildOptions, BuildScratch, Builder, rebuild};
 use bvh_core::{Aabb, Bvh, Vec3};
-
-/// Counts what is asked of the system's allocator.
-struct Counting;
-
-static ALLOCATIONS: AtomicUsize = AtomicUsize::new(0);
-
-// SAFETY: passes everything on to the system's allocator.
-#[expect(unsafe_code, reason = "an allocator is unsafe to write")]
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.fetch_add(1, Relaxed);
-        // SAFETY: as the caller promises.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, start: *mut u8, layout: Layout) {
-        // SAFETY: as the caller promises.
-        unsafe { System.dealloc(start, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
+use pivot_allocations::of_process;
 
 #[test]
 fn builds_after_the_first_allocate_nothing() {
@@ -44,9 +19,10 @@ fn builds_after_the_first_allocate_nothing() {
                 let options = BuildOptions::default().with_max_leaf_size(4);
                 let (mut bvh, mut scratch) = (Bvh::default(), BuildScratch::default());
                 let mut counted = || {
-                    let before = ALLOCATIONS.load(Relaxed);
-                    rebuild(&mut bvh, boxes, builder, &options, &mut scratch).expect("few enough");
-                    ALLOCATIONS.load(Relaxed) - before
+                    let (count, built) =
+                        of_process(|| rebuild(&mut bvh, boxes, builder, &options, &mut scratch));
+                    built.expect("few enough");
+                    count
                 };
                 let counts = pool.install(|| {
                     assert!(counted() > 0);

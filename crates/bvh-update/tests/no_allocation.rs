@@ -1,34 +1,9 @@
 //! Updates allocate nothing once their threads and updaters have the memory that they need.
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
-
 use bvh_build::{Builder, build};
 use bvh_core::{Aabb, Bvh, Vec3};
 use bvh_update::{Decision, Degraded, PartialRebuild, Rotate, Strategy, Updater, refit_and_rotate};
-
-/// Counts what is asked of the system's allocator.
-struct Counting;
-
-static ALLOCATIONS: AtomicUsize = AtomicUsize::new(0);
-
-// SAFETY: passes everything on to the system's allocator.
-#[expect(unsafe_code, reason = "an allocator is unsafe to write")]
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.fetch_add(1, Relaxed);
-        // SAFETY: as the caller promises.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, start: *mut u8, layout: Layout) {
-        // SAFETY: as the caller promises.
-        unsafe { System.dealloc(start, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
+use pivot_allocations::of_process;
 
 /// Pieces of a sheet that fly apart.
 fn pose(n: usize, step: usize) -> Vec<Aabb> {
@@ -44,9 +19,8 @@ fn pose(n: usize, step: usize) -> Vec<Aabb> {
 fn play(updater: &mut Updater, built: &Bvh, poses: &[Vec<Aabb>]) -> (Vec<usize>, bool) {
     let (mut bvh, mut has_repaired) = (built.clone(), false);
     let counted = |pose| {
-        let before = ALLOCATIONS.load(Relaxed);
-        let report = updater.update(&mut bvh, pose).expect("same count");
-        let count = ALLOCATIONS.load(Relaxed) - before;
+        let (count, report) = of_process(|| updater.update(&mut bvh, pose));
+        let report = report.expect("same count");
         assert!(!report.rebuilt, "a new tree takes new memory");
         has_repaired |= matches!(report.decision, Decision::PartialRebuild { .. });
         count

@@ -1,46 +1,13 @@
 //! Effects that a scene does not call for cost nothing: no work is counted, nothing is allocated,
 //! and the picture is the same, whether they are planned or not.
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
-
 use anim::{Motion, PoseStats};
 use bvh_core::Bvh;
 use bvh_update::Updater;
+use pivot_allocations::of_thread;
 use rt_cpu::{Image, RenderStats, render};
 use scenes::{Effects, LightEffects, Scene, SceneOptions};
 use stage::Stage;
-
-/// Counts what a thread asks of the system's allocator.
-struct Counting;
-
-thread_local! {
-    static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
-}
-
-// SAFETY: passes everything on to the system's allocator.
-#[expect(unsafe_code, reason = "an allocator is unsafe to write")]
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
-        // SAFETY: as the caller promises.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, start: *mut u8, layout: Layout) {
-        // SAFETY: as the caller promises.
-        unsafe { System.dealloc(start, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
-
-fn allocations<T>(work: impl FnOnce() -> T) -> (usize, T) {
-    let before = ALLOCATIONS.get();
-    let done = work();
-    (ALLOCATIONS.get() - before, done)
-}
 
 fn scene(name: &str) -> Scene {
     if name == "toys" {
@@ -68,12 +35,12 @@ fn frame(name: &str, effects: impl FnOnce(Effects) -> Effects) -> Frame {
     let mut stage = Stage::new(scene).unwrap();
     stage.pose(stage.time_of(1, 50));
     let time = stage.time_of(24, 50);
-    let (pose_allocations, posed) = allocations(|| stage.pose(time));
+    let (pose_allocations, posed) = of_thread(|| stage.pose(time));
     let mut image = Image::new(64, 48);
     let (camera, light, options) = (stage.camera(64, 48), stage.light(), stage.render_options());
     let mut trace = || render(&stage.first_tree, &stage.mesh(), &camera, Some(&light), &options, &mut image);
     trace();
-    let (trace_allocations, traced) = allocations(&mut trace);
+    let (trace_allocations, traced) = of_thread(&mut trace);
     Frame { posed, pose_allocations, traced, trace_allocations, image }
 }
 
