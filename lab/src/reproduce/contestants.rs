@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn auto_is_told_the_load() {
+    fn auto_weighs_costs_by_the_load() {
         let indices: Vec<_> = (0..300).map(|i| [0, 1, 2].map(|corner| 3 * i + corner)).collect();
         let position = |v: u32, spread| [v / 3, v / 3 * spread * 7 % 300, v % 3].map(|x| x as f32).into();
         let positions =

@@ -243,7 +243,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn bias_is_told_from_noise() {
+    fn bias_and_noise_are_separate() {
         let [bias, noise] = bias_and_noise(&[&[1.0, 5.0], &[3.0, 7.0]], &[2.0, 6.0]);
         assert!(bias == 0.0 && (noise - 2f64.sqrt()).abs() < 1e-12);
         assert_eq!(bias_and_noise(&[&[1.5], &[1.5]], &[1.0]), [0.5, 0.0]);
