@@ -27,6 +27,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!("{} triangles\nframe   refit        refit+rotate            rebuild", indices.len());
     for frame in 1..=20 {
         for (i, triangle) in corners.chunks_exact_mut(3).enumerate() {
+            // Speeds in no order; an example does without a crate for random numbers.
             let speed = 0.02 + 0.06 * ((i * 7919) % 1000) as f32 / 1000.0;
             let step = triangle[0].normalize_or_zero() * speed + Vec3::new(0.0, -0.002 * frame as f32, 0.0);
             triangle.iter_mut().for_each(|corner| *corner += step);

@@ -239,7 +239,8 @@ fn inner_nodes(nodes: &[Node], root: usize) -> (usize, f64) {
     (number, area)
 }
 
-/// Random numbers: splitmix64 (Steele, Lea, Flood 2014).
+/// Random numbers: splitmix64 (Steele, Lea, Flood 2014). Not from a crate: trees depend on the
+/// numbers, and must not change with a crate's version.
 struct Random(u64);
 
 impl Random {

@@ -170,6 +170,7 @@ mod tests {
     #[test]
     fn keys_are_sorted_by_code_then_number_for_every_number_of_parts() {
         let n = 5 * PART as u64 + 3;
+        // A multiplicative hash, since codes of any number are asked for again and again.
         let code = |i: u64| (i.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 50) * 0x1_2345_6789;
         let mut expected: Vec<u128> = (0..n).map(|i| Key::new(code(i), i as u32)).collect();
         let keys = expected.clone();

@@ -11,7 +11,8 @@ use crate::{
 
 const BUILDERS: usize = Builder::ALL.len();
 
-/// A sequence of numbers in 0..1 (splitmix64), for input too large to be worth shrinking.
+/// A sequence of numbers in 0..1 (splitmix64), for input too large to be worth shrinking. Not from a
+/// crate: recorded fingerprints depend on the numbers.
 fn numbers(mut state: u64) -> impl FnMut() -> f32 {
     move || {
         state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);

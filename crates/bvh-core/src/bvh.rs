@@ -310,6 +310,7 @@ impl Bvh {
     #[must_use]
     pub fn fingerprint(&self) -> u64 {
         let words: &[u32] = bytemuck::cast_slice(&self.pairs);
+        // By hand: recorded fingerprints depend on it, and it is too little for a dependency.
         words
             .iter()
             .chain(&self.order)

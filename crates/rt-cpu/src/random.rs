@@ -1,4 +1,5 @@
-//! Random numbers that depend on the seed, the pixel and the sample, and on nothing else.
+//! Random numbers that depend on the seed, the pixel and the sample, and on nothing else. Not from a
+//! crate: pictures depend on the numbers, and threads ask for any of them, in any order.
 
 use bvh_core::Vec3;
 

@@ -23,7 +23,8 @@ static SCENES: LazyLock<Vec<Scene>> = LazyLock::new(|| {
     list().iter().map(|info| load(info.name, None, &options).unwrap()).collect()
 });
 
-/// A hash (FNV-1a, 64 bits) of all positions at a few times of the loop.
+/// A hash (FNV-1a over words, 64 bits) of all positions at a few times of the loop. By hand: the
+/// recorded hashes depend on it.
 fn fingerprint(scene: &Scene) -> u64 {
     let mut hash = 0xcbf2_9ce4_8422_2325;
     let mut positions = scene.animation.rest();

@@ -21,7 +21,7 @@ mod wasm;
 /// The committed list, one `name fingerprint` a line.
 pub const LIST: &str = include_str!("../fingerprints.txt");
 
-/// FNV-1a, 64 bits.
+/// FNV-1a, 64 bits. By hand: the recorded fingerprints depend on it.
 struct Fingerprint(u64);
 
 impl Fingerprint {
@@ -58,7 +58,8 @@ impl Fingerprint {
     }
 }
 
-/// A number from 0 to 1 that depends on `seed` and `i` only.
+/// A number from 0 to 1 that depends on `seed` and `i` only. Not from a crate: the recorded
+/// fingerprints depend on the numbers.
 fn noise(seed: u32, i: u32) -> f32 {
     let mut x = (seed ^ i.wrapping_mul(0x9e37_79b9)).wrapping_add(0x7f4a_7c15);
     x = (x ^ (x >> 16)).wrapping_mul(0x85eb_ca6b);
