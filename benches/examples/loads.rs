@@ -9,14 +9,15 @@ use std::ops::ControlFlow::Continue;
 use bvh_build::{BuildOptions, Builder, build};
 use bvh_core::{Aabb, Bvh, Primitives, Ray, TriangleTest, Triangles, Vec3, Visits, closest_hit_counted};
 use bvh_update::{Decision, Load, PartialRebuild, Rotate, Strategy, Updater};
-use pivot_benches::measure::{noise, pool, quads, timed};
+use pivot_benches::measure::{quads, timed};
+use pivot_tests::{noise, pool};
 
 const FRAMES: usize = 120;
 const QUERIES: usize = 20_000;
 
 /// A point of the cube from -1 to 1.
-fn random(seed: usize, i: usize) -> Vec3 {
-    Vec3::from_array([0, 1, 2].map(|axis| 2.0 * noise(i * 8 + 3 * seed + axis) - 1.0))
+fn random(seed: u64, i: usize) -> Vec3 {
+    2.0 * noise(seed, i) - 1.0
 }
 
 /// A strategy with its tree, the times of its frames, and how often it decided something.

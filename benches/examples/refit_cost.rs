@@ -26,7 +26,8 @@ use std::time::Instant;
 use bvh_build::{Builder, build};
 use bvh_core::{SimdLevel, Triangles, Vec3};
 use bvh_update::{BlockCost, Rotate, Strategy, Updater, refit_and_rotate};
-use pivot_benches::measure::{median, pool, timed};
+use pivot_benches::measure::{median, timed};
+use pivot_tests::pool;
 
 /// A sheet of triangles of which some parts move.
 struct Scene {

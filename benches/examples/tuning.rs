@@ -7,6 +7,7 @@ use bvh_build::{Builder, build};
 use bvh_core::{Bvh, Triangles, Vec3, sah_cost};
 use bvh_update::{PartialRebuild, Rotate, Strategy, Updater};
 use pivot_benches::measure::timed;
+use pivot_tests::noise;
 
 const TRIANGLES: [u32; 2] = [100_000, 1_000_000];
 const REPEATS: usize = 7;
@@ -14,12 +15,9 @@ const FRAMES: usize = 16;
 
 /// Corners of unconnected triangles in a cube, at a time.
 fn positions(n: u32, time: f32) -> Vec<Vec3> {
-    let noise = |i: u32| {
-        (i.wrapping_mul(0x9e37_79b1) ^ 0x5bd1_e995).wrapping_mul(0x85eb_ca6b) as f32 / u32::MAX as f32
-    };
-    let point = |i: u32| Vec3::new(noise(3 * i), noise(3 * i + 1), noise(3 * i + 2)) - 0.5;
+    let point = |seed, i: u32| noise(seed, i as usize) - 0.5;
     let size = 4.0 / (n as f32).sqrt();
-    let corner = |i: u32| point(i / 3) + time * point(n + i / 3) + size * point(2 * n + i);
+    let corner = |i: u32| point(0, i / 3) + time * point(1, i / 3) + size * point(2, i);
     (0..3 * n).map(corner).collect()
 }
 

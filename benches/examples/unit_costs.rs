@@ -7,7 +7,8 @@ use std::ops::ControlFlow::Continue;
 use bvh_build::{BuildOptions, BuildScratch, Builder, build, rebuild};
 use bvh_core::{Bvh, Ray, TriangleTest, Triangles, Vec3, Visits, closest_hit_counted, sah_cost};
 use bvh_update::{Decision, PartialRebuild, Rotate, Strategy, Updater, refit};
-use pivot_benches::measure::{median, noise, pool, quads, timed};
+use pivot_benches::measure::{median, quads, timed};
+use pivot_tests::{noise, pool};
 use rt_cpu::{Camera, Pixel, RenderOptions, RenderStats, cast};
 
 /// Quads on each side of the sheet.
@@ -22,7 +23,7 @@ fn positions(frame: usize) -> Vec<Vec3> {
         let (quad, corner) = (i / 4, i % 4);
         let (x, y) = (quad % SIDE, quad / SIDE);
         let piece = x / PIECE + SIDE / PIECE * (y / PIECE);
-        let away = Vec3::new(noise(3 * piece), noise(3 * piece + 1), noise(3 * piece + 2)) - 0.5;
+        let away = noise(0, piece) - 0.5;
         let (x, y) = ((x + corner % 2) as f32, (y + corner / 2) as f32);
         Vec3::new(x, y, 4.0 * (0.1 * x + 0.2 * time).sin()) + away * 6.0 * time
     };
@@ -150,7 +151,7 @@ fn picture(bvh: &Bvh, triangles: &Triangles<'_>, pixels: &mut [Pixel]) -> (f64, 
 
 /// The time of rays in no order, the nodes that they visit, and the triangles that they hit.
 fn single_rays(bvh: &Bvh, triangles: &Triangles<'_>) -> (f64, (Visits, Vec<u32>)) {
-    let target = |i: usize| Vec3::new(noise(2 * i), noise(2 * i + 1), 0.0) * SIDE as f32;
+    let target = |i: usize| noise(1, i) * Vec3::new(1.0, 1.0, 0.0) * SIDE as f32;
     let mut visits = Visits::default();
     let cast = |i: usize| {
         let from = target(i + SINGLE_RAYS) + Vec3::Z * 50.0;

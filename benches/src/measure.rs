@@ -1,4 +1,4 @@
-//! What measurements have in common: times, medians, pools of threads, test geometry.
+//! What measurements have in common: times, medians, test geometry.
 
 use std::time::Instant;
 
@@ -15,22 +15,6 @@ pub fn timed<T>(work: impl FnOnce() -> T) -> (f64, T) {
 pub fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
-}
-
-/// Makes a pool of this number of threads.
-///
-/// # Panics
-/// If the system gives no threads.
-#[must_use]
-pub fn pool(threads: usize) -> rayon::ThreadPool {
-    rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads")
-}
-
-/// Returns a number between 0 and 1 for each `i`, the same in every run.
-#[must_use]
-pub fn noise(i: usize) -> f32 {
-    let h = i.wrapping_mul(0x9e37_79b9_7f4a_7c15);
-    ((h ^ (h >> 29)).wrapping_mul(0xbf58_476d_1ce4_e5b9) >> 40) as f32 / (1 << 24) as f32
 }
 
 /// Returns the triangles of quads that share no corners: of each quad two corners, then the two

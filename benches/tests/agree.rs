@@ -5,8 +5,8 @@ mod support;
 
 use bvh_core::{Triangles, Vec3, sah_cost};
 use pivot_benches::embree::{Embree, NotFound};
-use pivot_benches::measure::pool;
 use pivot_benches::{Answers, Contest, Contestant, LIMIT, View, field};
+use pivot_tests::pool;
 use rt_cpu::{Camera, Pixel, TriangleTest, closest_hit_brute};
 
 use support::{Brute, Soup};

@@ -2,7 +2,8 @@
 
 use bvh_core::glam::Vec3;
 
-/// A point of the unit cube that depends on `seed` and `i` only.
+/// A point of the unit cube that depends on `seed` and `i` only. From the ray tracer's generator,
+/// which needs no state: tests ask for points in any order.
 #[must_use]
 pub fn noise(seed: u64, i: usize) -> Vec3 {
     let coordinate = |axis: u64| rt_cpu::uniform(seed, i as u64 * 3 + axis);

@@ -146,10 +146,10 @@ mod tests {
     use bvh_core::{Vec3, sah_cost};
 
     use super::*;
+    use crate::tests::random;
 
     /// Bodies of 40 triangles that turn and fly off in all directions, interleaved in number.
     fn burst(bodies: usize, time: f32) -> Vec<Vec3> {
-        let random = |i: usize, j: usize| ((i * 7919 + j * 104_729) % 1009) as f32 / 1009.0 - 0.5;
         let place = |i: usize| {
             let body = i / 3 % bodies;
             let point = |i: usize| Vec3::new(random(i, 1), random(i, 2), random(i, 3));

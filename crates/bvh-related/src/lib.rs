@@ -155,9 +155,14 @@ mod tests {
 
     const TRIANGLES: usize = 3000;
 
+    /// A number from -0.5 to 0.5 that depends on `i` and `j` only. Not from a crate: multiples of a
+    /// prime keep bodies apart, and random numbers do not.
+    pub(crate) fn random(i: usize, j: usize) -> f32 {
+        ((i * 7919 + j * 104_729) % 1009) as f32 / 1009.0 - 0.5
+    }
+
     /// Bodies of 30 triangles that fly about and spin; the first third of them stands still.
     fn pose(time: f32) -> Vec<Vec3> {
-        let random = |i: usize, j: usize| ((i * 7919 + j * 104_729) % 1009) as f32 / 1009.0 - 0.5;
         let place = |i: usize| {
             let body = i / 90;
             let time = if i < TRIANGLES { 0.0 } else { time };
