@@ -36,9 +36,10 @@ use crate::{Animation, LoadOptions, aff, gltf, mesh_file, sequence};
 /// # Errors
 /// If a file cannot be read, is malformed, has no triangles, or needs an extension of glTF that is
 /// not supported; if key frames differ in more than positions; if a link leads out of the folder of
-/// the file that names it (an image behind such a link is left out instead, with a note); if files
-/// include each other in a circle, or so often that the scene outgrows them; if `path` is nothing
-/// of the kind, or does not have the clip.
+/// the file that names it; if files include each other in a circle, or so often that the scene
+/// outgrows them; if `path` is nothing of the kind, or does not have the clip. An image that is
+/// missing, lies behind such a link, or cannot be decoded as PNG or JPEG is left out instead, with
+/// a note.
 pub fn load(path: &Path, options: &LoadOptions<'_>) -> Result<Box<dyn Animation>, LoadError> {
     let kind = std::fs::metadata(path).map_err(LoadError::io(path))?;
     let extension = extension(path);

@@ -1,7 +1,9 @@
 //! Materials and their base colour textures (glTF 2.0 specification, sections 3.8 and 3.9).
 
+use std::borrow::Cow;
 use std::collections::{BTreeSet, HashMap};
 use std::io::Cursor;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use ::gltf::json::extensions::texture::TextureTransform;
@@ -11,7 +13,7 @@ use ::gltf::json::texture::{Info, MagFilter, WrappingMode};
 use ::gltf::json::validation::Checked;
 use ::gltf::json::{Index, Root};
 use glam::Vec2;
-use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
+use image::{DynamicImage, ImageDecoder, ImageError, ImageReader, Limits};
 
 use super::accessor::Accessors;
 use super::source::{decode_data_uri, is_data, relative_path};
@@ -94,7 +96,8 @@ fn texture_info(root: &Root, material: u32) -> Option<&Info> {
 /// off. Gives remarks on what is shown otherwise than the file says.
 ///
 /// Surfaces keep the factors of their material where the texture has no image, only one that an
-/// extension would supply, or one whose file cannot be read or lies outside of the folder.
+/// extension would supply, or one that cannot be decoded, or whose file cannot be read or lies
+/// outside of the folder.
 pub(super) fn add_textures(
     topology: &mut Topology,
     accessors: &Accessors<'_>,
@@ -126,7 +129,8 @@ pub(super) fn add_textures(
         notes.push("blended surfaces are not blended: they are there where at least half opaque".to_owned());
     }
     if let [first, ..] = &textures.unreadable[..] {
-        let found = format!("{} image files cannot be read, first {first:?}", textures.unreadable.len());
+        let found =
+            format!("{} images cannot be read as PNG or JPEG, first {first:?}", textures.unreadable.len());
         notes.push(found + ": surfaces keep their plain colours");
     }
     Ok(notes)
@@ -135,9 +139,9 @@ pub(super) fn add_textures(
 /// Reads textures, and each of their images once.
 struct Textures<'a> {
     accessors: &'a Accessors<'a>,
-    /// Images by number, as textures without a sampler; `None` where the file cannot be read.
+    /// Images by number, as textures without a sampler; `None` for those that cannot be read.
     images: HashMap<usize, Option<Texture>>,
-    /// The files that cannot be read.
+    /// The images that cannot be read: their uri, or their number.
     unreadable: Vec<String>,
 }
 
@@ -171,44 +175,58 @@ impl Textures<'_> {
         Ok(Some(found))
     }
 
-    /// `None` if the file cannot be read, which is then `unreadable`.
+    /// `None` if the image cannot be read or decoded, which is then `unreadable`.
     fn image(&mut self, image: &::gltf::json::Image, place: &str) -> Result<Option<Texture>, Problem> {
         let accessors = self.accessors;
-        match (&image.uri, image.buffer_view) {
-            (Some(uri), _) if is_data(uri) => decode(&decode_data_uri(uri, place)?, accessors, place),
+        let mut name = place.to_owned();
+        let bytes = match (&image.uri, image.buffer_view) {
+            (Some(uri), _) if is_data(uri) => decode_data_uri(uri, place).ok().map(Cow::Owned),
             (Some(uri), _) => {
-                let path = relative_path(uri, place).ok();
-                let read = |path| Some((path, read_beside(accessors.file, path).ok()?));
-                let Some((path, bytes)) = path.as_deref().and_then(read) else {
-                    self.unreadable.push(one_line(uri));
-                    return Ok(None);
+                name = one_line(uri);
+                let read = |path: PathBuf| {
+                    let bytes = read_beside(accessors.file, &path).ok()?;
+                    accessors.budget.allow_for(&path, bytes.len());
+                    Some(Cow::Owned(bytes))
                 };
-                accessors.budget.allow_for(path, bytes.len());
-                decode(&bytes, accessors, place)
+                relative_path(uri, place).ok().and_then(read)
             }
-            (None, Some(view)) => decode(accessors.view(view, place)?, accessors, place),
-            (None, None) => Err(Problem::new(place, "neither a uri nor a bufferView", "one of them")),
+            (None, Some(view)) => Some(Cow::Borrowed(accessors.view(view, place)?)),
+            (None, None) => return Err(Problem::new(place, "neither a uri nor a bufferView", "one of them")),
+        };
+        let texture = bytes.map_or(Ok(None), |bytes| decode(&bytes, accessors, place))?;
+        if texture.is_none() {
+            self.unreadable.push(name);
         }
-        .map(Some)
+        Ok(texture)
     }
 }
 
-fn decode(bytes: &[u8], accessors: &Accessors<'_>, place: &str) -> Result<Texture, Problem> {
-    let wrong = |error: &dyn std::fmt::Display| Problem::new(place, error, "a PNG or JPEG image");
-    let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| wrong(&e))?;
+/// `None` if the bytes are no image that can be decoded. An error if memory does not suffice.
+fn decode(bytes: &[u8], accessors: &Accessors<'_>, place: &str) -> Result<Option<Texture>, Problem> {
+    let no_image = |error| match error {
+        ImageError::Limits(_) => Err(Problem::new(place, error, "an image that the memory suffices for")),
+        _ => Ok(None),
+    };
+    let Ok(mut reader) = ImageReader::new(Cursor::new(bytes)).with_guessed_format() else { return Ok(None) };
     let mut limits = Limits::default();
     limits.max_alloc = Some(accessors.budget.left());
     reader.limits(limits);
-    let decoder = reader.into_decoder().map_err(|e| wrong(&e))?;
+    let decoder = match reader.into_decoder() {
+        Ok(decoder) => decoder,
+        Err(error) => return no_image(error),
+    };
     let (width, height) = decoder.dimensions();
     if width == 0 || height == 0 {
-        return Err(wrong(&format!("an image of {width} x {height} texels")));
+        return Ok(None);
     }
     let texels = u64::from(width) * u64::from(height);
     accessors.budget.spend(decoder.total_bytes().max(texels.saturating_mul(4)), place)?;
-    let texels = DynamicImage::from_decoder(decoder).map_err(|e| wrong(&e))?.into_rgba8().into_raw();
+    let texels = match DynamicImage::from_decoder(decoder) {
+        Ok(image) => image.into_rgba8().into_raw(),
+        Err(error) => return no_image(error),
+    };
     let texels: Arc<[[u8; 4]]> = texels.as_chunks().0.into();
     let least_opacity = texels.iter().map(|texel| texel[3]).min().unwrap_or(u8::MAX);
     let (wrap, filter) = ([Wrap::Repeat; 2], Filter::Linear);
-    Ok(Texture { width, height, texels, least_opacity, wrap, filter })
+    Ok(Some(Texture { width, height, texels, least_opacity, wrap, filter }))
 }

@@ -121,21 +121,41 @@ fn texture_transforms_are_applied() {
     }
 }
 
+/// As where the file of an image is missing.
 #[test]
-fn what_is_wrong_with_an_image_is_said() {
-    let document = textured_triangle();
-    let error = |image: &str| document.error(&textured("", image, "", ""));
+fn surfaces_keep_their_factors_where_an_image_cannot_be_read() {
+    let mut document = textured_triangle();
     let mut truncated = png();
     truncated.truncate(truncated.len() - 20);
-    let message = error(&data_uri(&truncated));
-    assert!(message.contains("image 0") && message.contains("PNG or JPEG"), "{message}");
-    let message = error(&data_uri(b"BM not an image"));
-    assert!(message.contains("image 0"), "{message}");
-    for uri in ["no%20such.png", "../up.png", "https://example.com/a.png"] {
-        let missing = document.load(&textured("", &format!(r#""uri":"{uri}""#), "", ""));
-        assert_eq!(missing.topology().materials[0].texture, None);
-        assert!(missing.model().notes[0].contains(uri), "{:?}", missing.model().notes);
+    let webp = b"RIFF\x1a\0\0\0WEBPVP8L\x0d\0\0\0\x2f\0\0\0\x10\x07\x10\x11\x11\x88\x88\xfe\x07\0";
+    let view = document.view(webp, "");
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("model.gltf");
+    std::fs::write(folder.path().join("image.png"), "not an image").unwrap();
+    let embedded = r#""uri":"data:image/png,text""#.to_owned();
+    let images = [data_uri(&truncated), data_uri(b"BM no image"), data_uri(b""), embedded]
+        .into_iter()
+        .chain([format!(r#""bufferView":{view},"mimeType":"image/webp""#)])
+        .map(|image| (image, "image 0"));
+    let uris = ["image.png", "no%20such.png", "../up.png", "https://example.com/a.png"];
+    for (image, name) in images.chain(uris.map(|uri| (format!(r#""uri":"{uri}""#), uri))) {
+        std::fs::write(&file, document.json(&textured(r#","alphaMode":"MASK""#, &image, "", ""))).unwrap();
+        let found = crate::load(&file, &LoadOptions::default()).unwrap();
+        let material = found.topology().materials[0];
+        assert_eq!(
+            (material.base_color, material.texture, material.cutoff),
+            ([1.0; 3], None, None),
+            "{name}"
+        );
+        let [note] = &found.model().notes[..] else { panic!("{:?}", found.model().notes) };
+        assert!(note.contains(name) && note.contains("cannot be read as PNG or JPEG"), "{note}");
     }
+}
+
+#[test]
+fn what_is_wrong_in_the_document_about_an_image_is_said() {
+    let document = textured_triangle();
+    let error = |image: &str| document.error(&textured("", image, "", ""));
     assert!(error(r#""bufferView":77"#).contains("no bufferView 77"));
     assert!(error(r#""name":"nowhere""#).contains("neither a uri nor a bufferView"));
     let json = textured("", &data_uri(&png()), "", r#","sampler":3"#);
