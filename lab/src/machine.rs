@@ -17,6 +17,9 @@ pub(crate) struct Machine {
     pub(crate) cores: usize,
     /// Best SIMD level, which the updates use.
     pub(crate) simd: String,
+    /// What was compiled in beyond the defaults; empty in older files.
+    #[serde(default)]
+    pub(crate) flags: String,
     pub(crate) memory_gib: Option<f64>,
     pub(crate) os: String,
     pub(crate) rustc: Option<String>,
@@ -45,6 +48,7 @@ impl Machine {
             cpu: cpu.unwrap_or(std::env::consts::ARCH).to_owned(),
             cores: cores(),
             simd: SimdLevel::best().name().to_owned(),
+            flags: flags(),
             memory_gib: Some(system.total_memory() as f64 / f64::from(1 << 30)).filter(|gib| *gib > 0.0),
             os: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
             rustc: output("rustc", &["--version"]).ok(),
@@ -52,6 +56,23 @@ impl Machine {
             started: humantime::format_rfc3339_seconds(SystemTime::now()).to_string(),
         }
     }
+}
+
+/// The target features that the compiler could use beyond the target's own, and debug assertions.
+/// Neon is not among them, since aarch64 always has it.
+fn flags() -> String {
+    let flags = [
+        ("sse4.2", cfg!(target_feature = "sse4.2")),
+        ("avx", cfg!(target_feature = "avx")),
+        ("avx2", cfg!(target_feature = "avx2")),
+        ("fma", cfg!(target_feature = "fma")),
+        ("bmi2", cfg!(target_feature = "bmi2")),
+        ("avx512f", cfg!(target_feature = "avx512f")),
+        ("sve", cfg!(target_feature = "sve")),
+        ("debug-assertions", cfg!(debug_assertions)),
+    ];
+    let on: Vec<_> = flags.into_iter().filter_map(|(name, is_on)| is_on.then_some(name)).collect();
+    if on.is_empty() { "default".to_owned() } else { on.join(" ") }
 }
 
 /// Memory of this process in MiB, or 0 where the system does not report it.

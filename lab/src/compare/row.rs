@@ -90,11 +90,13 @@ impl Report {
 
     /// One line on what ran where and when.
     pub(super) fn heading(&self) -> String {
-        let On { machine: Machine { cpu, cores, simd, load, started, .. }, revision, embree } = &self.machine;
+        let On { machine, revision, embree } = &self.machine;
+        let Machine { cpu, cores, simd, flags, load, started, .. } = machine;
+        let flags = if flags.is_empty() { String::new() } else { format!(", flags {flags}") };
         let load = load.map(|l| format!(", load {l:.1}")).unwrap_or_default();
         let embree = embree.as_ref().map(|v| format!(", Embree {v}")).unwrap_or_default();
         let day = started.get(..10).unwrap_or_default();
-        format!("{cpu}, {cores} cores, {simd}{load}; {day}; Pivot {}{embree}", revision.short())
+        format!("{cpu}, {cores} cores, {simd}{flags}{load}; {day}; Pivot {}{embree}", revision.short())
     }
 
     /// Times of all contestants in one measurement, by scene, on the least number of threads.

@@ -162,7 +162,7 @@ const beside = main.filter(scene => run.more[scene.label].peers.length > 0).map(
       number(row.min_ms), number(row.max_ms), number(row.sah_over_sweep), row.different, row.rays, row.frames]))}</details>`);
 
 const facts = {
-  "Processor": `${machine.cpu}, ${machine.cores} hardware threads, ${machine.simd}`,
+  "Processor": `${machine.cpu}, ${machine.cores} hardware threads, ${machine.simd}${machine.flags ? `, flags ${machine.flags}` : ""}`,
   "Memory": machine.memory_gib && `${number(machine.memory_gib)} GiB`,
   "System": machine.os,
   "Compiler": machine.rustc,

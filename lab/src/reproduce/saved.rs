@@ -94,11 +94,14 @@ fn take(rows: &mut [Vec<Row>; 2], label: &str) -> [Vec<Row>; 2] {
 pub(super) fn take_over(folder: &Path, now: &Results, entries: &mut [Entry]) -> Result<Vec<Point>> {
     let (mut before, mut rest) = load(folder)?;
     let settings = |of: &Results| Settings { command: String::new(), ..of.settings.clone() };
-    let machine = |of: &Results| (of.machine.cpu.clone(), of.machine.simd.clone(), of.machine.cores);
+    let machine = |of: &Results| {
+        let machine = of.machine.clone();
+        (machine.cpu, machine.simd, machine.flags, machine.cores)
+    };
     for (what, same) in [
         ("settings or scenes", settings(&before) == settings(now)),
         ("a revision", before.revision == now.revision),
-        ("a machine", machine(&before) == machine(now)),
+        ("a machine or compiler flags", machine(&before) == machine(now)),
     ] {
         ensure!(
             same,
