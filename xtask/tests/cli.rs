@@ -183,6 +183,11 @@ fn whole_frames_are_compared_of_those_asked_for_and_as_often_as_asked_for() {
     ]);
     assert!(again.contains("pivot auto / pivot best of the rest"), "{again}");
     assert!(fs::read_to_string(temporary.path().join("a.svg")).expect("a chart").contains("ray set-up"));
+    let from = ["compare", "--from", str(&json), "--only"];
+    let some = succeeds(&[&from[..], &["=pivot auto", "--only", "set-up"]].concat());
+    assert!(some.contains("pivot auto") && some.contains("ray set-up"), "{some}");
+    assert!(!some.contains("reinsert"), "{some}");
+    refused(&[&from[..], &["=pivot"]].concat(), &["--only =pivot:", "pivot auto; pivot refit"]);
     for (once, thrice) in once.iter().zip(&thrice) {
         assert_eq!((&once["frames"], &once["agrees"]), (&thrice["frames"], &thrice["agrees"]));
         let count = |row: &serde_json::Value, of: &str| row[of].as_u64().expect("a number");

@@ -10,9 +10,9 @@ use pivot_benches::{Answers, Contest, Contestant, Hits, LIMIT, Rays, bounces, se
 use rayon::prelude::*;
 use rt_cpu::{Bvh8, Pixel, TriangleTest, closest_hit};
 
-use super::Setting;
 use super::lane::{CHECK_SIZE, Frame, Record, in_rounds, lanes, play, rows, spread, turns, view};
 use super::row::Row;
+use super::{Setting, is_named};
 use crate::interrupt;
 use crate::reproduce::median;
 use crate::stage::{Stage, timed};
@@ -156,7 +156,7 @@ pub(super) fn incoherent(stage: &mut Stage, setting: &Setting) -> Result<Vec<Row
         Ok(())
     })?;
     let making = making.row("view", "pivot wide", setting, &Answers::default());
-    let making = Some(making).filter(|row| setting.is_named(&row.contestant));
+    let making = Some(making).filter(|row| is_named(&setting.only, &row.contestant));
     let rows = rows("incoherent", &lanes, setting, &reference);
     Ok(making.into_iter().chain(with_rates(rows, count)).collect())
 }

@@ -13,6 +13,7 @@ mod table;
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
+use std::slice;
 use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
@@ -74,7 +75,7 @@ pub struct Args {
     /// frames]
     #[arg(long = "scene", value_name = "NAME|FILE|DIR")]
     scenes: Vec<String>,
-    /// Only contestants whose names contain this; repeatable
+    /// Only contestants whose names contain this, or with `=NAME` only that one; repeatable
     #[arg(long, value_name = "NAME")]
     only: Vec<String>,
     /// Threads; repeatable [default: 1 and as many as there are cores]
@@ -88,7 +89,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
     /// Measure nothing: print the tables of such a file again
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["scenes", "only", "threads", "embree", "json", "frames", "runs", "size"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["scenes", "threads", "embree", "json", "frames", "runs", "size"])]
     from: Option<PathBuf>,
     /// File for a chart (SVG) of the times per triangle, of the first measurement if none is named
     #[arg(long, value_name = "FILE")]
@@ -118,7 +119,7 @@ pub(crate) struct Setting {
     pub(crate) triangles: usize,
     pub(crate) threads: usize,
     pub(crate) embree: Option<Device>,
-    /// Contestants whose names contain one of these; all if there are none.
+    /// As [`is_named`] takes them.
     pub(crate) only: Vec<String>,
     /// Frames to measure.
     pub(crate) frames: usize,
@@ -132,12 +133,8 @@ impl Setting {
     /// Who takes part.
     fn field(&self, contest: Contest) -> Vec<Entry> {
         let mut entries = field(contest, self.embree.as_ref());
-        entries.retain(|entry| self.is_named(&entry.name));
+        entries.retain(|entry| is_named(&self.only, &entry.name));
         entries
-    }
-
-    fn is_named(&self, contestant: &str) -> bool {
-        self.only.is_empty() || self.only.iter().any(|name| contestant.contains(name.as_str()))
     }
 
     /// The rows of all contestants; none of those that an interrupt has left without a frame.
@@ -183,13 +180,22 @@ fn ensure_used(args: &Args) -> Result<()> {
     Ok(())
 }
 
+/// Whether `--only` names a contestant: by a part of its name, or behind `=` by all of it, since
+/// many names begin with another one. Without names everybody is named.
+fn is_named(only: &[String], contestant: &str) -> bool {
+    let is_meant = |name: &String| match name.strip_prefix('=') {
+        Some(whole) => contestant == whole,
+        None => contestant.contains(name.as_str()),
+    };
+    only.is_empty() || only.iter().any(is_meant)
+}
+
 /// An error if one of the names is nobody's.
-fn ensure_known(what: What, only: &[String], embree: Option<&Device>) -> Result<()> {
-    let entries = what.contests().flat_map(|(contest, _)| field(contest, embree));
-    let names: Vec<String> = entries.map(|entry| entry.name).collect();
+fn ensure_known(only: &[String], contestants: &[&str]) -> Result<()> {
     for wanted in only {
-        let is_known = names.iter().any(|name| name.contains(wanted));
-        ensure!(is_known, "--only {wanted}: no contestant of this name; there are {}", names.join("; "));
+        let is_known = contestants.iter().any(|name| is_named(slice::from_ref(wanted), name));
+        let names = contestants.join("; ");
+        ensure!(is_known, "--only {wanted}: no contestant of this name; there are {names}");
     }
     Ok(())
 }
@@ -225,7 +231,9 @@ pub fn run(args: &Args) -> Result<()> {
     }
     let embree = find_embree(args.embree.as_deref())?;
     let device = embree.as_ref().map(|embree| embree.device(1)).transpose()?;
-    ensure_known(args.what, &args.only, device.as_ref())?;
+    let entries = args.what.contests().flat_map(|(contest, _)| field(contest, device.as_ref()));
+    let entries: Vec<_> = entries.collect();
+    ensure_known(&args.only, &unique(entries.iter().map(|entry| entry.name.as_str())))?;
     let mut report = Report::new(device.map(|device| device.version()));
     args.json.iter().chain(&args.chart).try_for_each(|path| files::ensure_writable(path))?;
     files::print(&report.heading())?;
@@ -261,8 +269,10 @@ fn print_saved(args: &Args, path: &Path) -> Result<()> {
         "--from prints all tables of the file; leave the measurement out, or name a --chart of it"
     );
     args.chart.iter().try_for_each(|chart| files::ensure_writable(chart))?;
-    let report: Report = serde_json::from_slice(&files::read(path)?)
+    let mut report: Report = serde_json::from_slice(&files::read(path)?)
         .with_context(|| format!("{}: not a file that `compare --json` wrote", path.display()))?;
+    ensure_known(&args.only, &unique(report.rows.iter().map(|row| row.contestant.as_str())))?;
+    report.rows.retain(|row| is_named(&args.only, &row.contestant));
     files::print(&format!("{}\n{}", report.heading(), table::tables(&report.rows)))?;
     files::print(&table::ratios(&report.rows))?;
     draw(args, &report)
