@@ -81,6 +81,7 @@ fn bad_input_is_refused_in_one_line_that_helps() {
         refused(&all, &words);
     }
     refused(&["compare", "update", "--from", str(&json)], &["--from", "--chart"]);
+    refused(&["compare", "--beside", str(&json)], &["--from"]);
     for option in ["--frames", "--threads", "--size", "--scene", "--runs", "--only"] {
         refused(&["compare", "hard", option, "3"], &[option, "hard"]);
     }
@@ -188,6 +189,8 @@ fn whole_frames_are_compared_of_those_asked_for_and_as_often_as_asked_for() {
     assert!(some.contains("pivot auto") && some.contains("ray set-up"), "{some}");
     assert!(!some.contains("reinsert"), "{some}");
     refused(&[&from[..], &["=pivot"]].concat(), &["--only =pivot:", "pivot auto; pivot refit"]);
+    let beside = succeeds(&[&from[..], &["pivot auto", "--beside", str(&json)]].concat());
+    assert_eq!(beside.matches("1.00").count(), 1, "{beside}");
     for (once, thrice) in once.iter().zip(&thrice) {
         assert_eq!((&once["frames"], &once["agrees"]), (&thrice["frames"], &thrice["agrees"]));
         let count = |row: &serde_json::Value, of: &str| row[of].as_u64().expect("a number");

@@ -91,6 +91,9 @@ pub struct Args {
     /// Measure nothing: print the tables of such a file again
     #[arg(long, value_name = "FILE", conflicts_with_all = ["scenes", "threads", "embree", "json", "frames", "runs", "size"])]
     from: Option<PathBuf>,
+    /// With --from: in place of the tables, the times of both files side by side
+    #[arg(long, value_name = "FILE", requires = "from")]
+    beside: Option<PathBuf>,
     /// File for a chart (SVG) of the times per triangle, of the first measurement if none is named
     #[arg(long, value_name = "FILE")]
     chart: Option<PathBuf>,
@@ -269,12 +272,16 @@ fn print_saved(args: &Args, path: &Path) -> Result<()> {
         "--from prints all tables of the file; leave the measurement out, or name a --chart of it"
     );
     args.chart.iter().try_for_each(|chart| files::ensure_writable(chart))?;
-    let mut report: Report = serde_json::from_slice(&files::read(path)?)
-        .with_context(|| format!("{}: not a file that `compare --json` wrote", path.display()))?;
+    let mut report = Report::read(path)?;
     ensure_known(&args.only, &unique(report.rows.iter().map(|row| row.contestant.as_str())))?;
     report.rows.retain(|row| is_named(&args.only, &row.contestant));
-    files::print(&format!("{}\n{}", report.heading(), table::tables(&report.rows)))?;
-    files::print(&table::ratios(&report.rows))?;
+    files::print(&report.heading())?;
+    if let Some(path) = &args.beside {
+        let other = Report::read(path)?;
+        files::print(&format!("{}\n{}", other.heading(), table::side_by_side(&report.rows, &other.rows)))?;
+    } else {
+        files::print(&format!("{}\n{}", table::tables(&report.rows), table::ratios(&report.rows)))?;
+    }
     draw(args, &report)
 }
 

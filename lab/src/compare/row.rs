@@ -1,8 +1,12 @@
 //! The rows of the result file.
 
+use std::path::Path;
+
+use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
 
 use super::table::{middle, threads_of, time, unique};
+use crate::files;
 use crate::machine::{Machine, Revision};
 use crate::reproduce::chart::{Chart, Kind, Point, Series, figure};
 
@@ -94,6 +98,11 @@ impl Report {
         Self { machine, rows: Vec::new() }
     }
 
+    pub(super) fn read(path: &Path) -> Result<Self> {
+        serde_json::from_slice(&files::read(path)?)
+            .with_context(|| format!("{}: not a file that `compare --json` wrote", path.display()))
+    }
+
     /// One line on what ran where and when.
     pub(super) fn heading(&self) -> String {
         let On { machine, revision, embree } = &self.machine;
@@ -164,6 +173,23 @@ mod tests {
         }
         assert_eq!(file["rows"][0]["sah_over_sweep"], 1.5);
         assert_eq!(file["rows"][0]["hits"], 0);
+    }
+
+    #[test]
+    fn published_files_are_read() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/benchmarks");
+        let files = folder.read_dir().unwrap().map(|entry| entry.unwrap().path());
+        let reports: Vec<_> = files
+            .filter(|path| path.extension().is_some_and(|extension| extension == "json"))
+            .map(|path| Report::read(&path).unwrap())
+            .collect();
+        assert!(reports.len() > 5);
+        for report in reports {
+            let Row { what, .. } = report.rows.last().unwrap();
+            assert!(!what.is_empty() && !report.chart(what).contains("NaN"), "{}", report.heading());
+        }
+        let report = Report::new(None);
+        assert!(report.heading().contains(", flags "), "{}", report.heading());
     }
 
     #[test]

@@ -135,6 +135,19 @@ pub(super) fn ratios(rows: &[Row]) -> String {
     format!("\n  {:<66}{heads}{text}\n", "ratios of times")
 }
 
+/// The times of all rows that both runs have, and those of the second over those of the first.
+pub(super) fn side_by_side(rows: &[Row], others: &[Row]) -> String {
+    let mut text = format!("\n  {:<80} {:>10} {:>10} {:>8}\n", "", "ms", "beside", "ratio");
+    for row in rows {
+        let key = |row: &Row| (row.what.clone(), row.scene.clone(), row.threads, row.contestant.clone());
+        let Some(other) = others.iter().find(|other| key(other) == key(row)) else { continue };
+        let (ours, theirs, n) = (time(row), time(other), threads_of(row.threads));
+        let title = format!("{}, {}, {}, {n}, {}", row.what, row.scene, row.contestant, middle(row));
+        text += &format!("  {title:<80} {ours:>10.3} {theirs:>10.3} {:>8.2}\n", theirs / ours);
+    }
+    text
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -155,6 +168,28 @@ mod tests {
         };
         assert_eq!(figure(&[row("pivot", Some(3.0)), row("set-up", None)]).as_deref(), Some("-"));
         assert_eq!(figure(&[row("set-up", None)]).as_deref(), Some("2000.0"));
+    }
+
+    #[test]
+    fn rows_that_both_runs_have_stand_beside_each_other() {
+        let row = |what: &str, threads, mean_ms: f64| Row {
+            what: what.to_owned(),
+            scene: "n-body".to_owned(),
+            contestant: "pivot refit".to_owned(),
+            threads,
+            mean_ms,
+            median_ms: 3.0,
+            ..Row::default()
+        };
+        let text = side_by_side(
+            &[row("update", 1, 2.0), row("update", 2, 1.0), row("trace", 1, 4.0)],
+            &[row("trace", 1, 8.0), row("build", 2, 1.0), row("update", 1, 5.0)],
+        );
+        let lines: Vec<_> =
+            text.lines().skip(2).map(|line| line.split_whitespace().collect::<Vec<_>>()).collect();
+        assert_eq!(lines.len(), 2, "{text}");
+        assert!(lines[0].ends_with(&["mean", "2.000", "5.000", "2.50"]), "{text}");
+        assert!(lines[1].ends_with(&["median", "3.000", "3.000", "1.00"]), "{text}");
     }
 
     #[test]
