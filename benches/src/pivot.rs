@@ -194,9 +194,7 @@ pub(crate) fn enter(contest: Contest, entries: &mut Vec<Entry>) {
     match contest {
         Contest::Update => {
             for period in [2, 4, 8] {
-                let mut budget = Rotate::default();
-                budget.period = period;
-                let strategy = Strategy::RefitRotate(budget);
+                let strategy = Strategy::RefitRotate(Rotate::default().with_period(period));
                 add(&format!("{} every {period}", rotate.name()), Variant { strategy, ..plain });
             }
             for strategy in [Strategy::Refit, rotate] {

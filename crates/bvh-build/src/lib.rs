@@ -55,7 +55,6 @@ mod small_trees;
 mod subtree_slot;
 mod sweep;
 mod tree;
-mod with_methods;
 
 use bvh_core::{Bvh, MAX_PRIMITIVES, Node, Pair, Primitives};
 use thiserror::Error;
@@ -236,10 +235,13 @@ pub fn rebuild<P: Primitives + ?Sized>(
     if n > MAX_PRIMITIVES {
         return Err(BuildError::TooManyPrimitives(n));
     }
-    let in_pool = rayon::current_thread_index().is_some();
     let threads = match builder {
         Builder::Binned => 1,
-        Builder::Sweep | Builder::HillClimbed | Builder::Annealed if !in_pool => 1,
+        Builder::Sweep | Builder::HillClimbed | Builder::Annealed
+            if rayon::current_thread_index().is_none() =>
+        {
+            1
+        }
         _ => rayon::current_num_threads(),
     };
     let BuildScratch { prims, dropped, spare, bins, codes, clusters, ploc } = scratch;

@@ -19,7 +19,6 @@ use bvh_core::rotation::{area_changes_at, best, rotate};
 use bvh_core::{Bvh, Node, Rotation, sah_cost};
 
 use crate::layout::depth_first;
-use crate::with_methods::with_methods;
 use crate::{Optimized, raw};
 
 /// The budget of [`hill_climb`].
@@ -30,7 +29,7 @@ pub struct HillClimb {
     pub passes: u32,
 }
 
-with_methods!(HillClimb: with_passes(passes: u32));
+crate::with_methods!(HillClimb: with_passes(passes: u32));
 
 impl Default for HillClimb {
     fn default() -> Self {
@@ -56,7 +55,7 @@ pub struct Anneal {
     pub climb: HillClimb,
 }
 
-with_methods!(Anneal: with_passes(passes: u32), with_temperature(temperature: f64), with_seed(seed: u64),
+crate::with_methods!(Anneal: with_passes(passes: u32), with_temperature(temperature: f64), with_seed(seed: u64),
     with_climb(climb: HillClimb));
 
 impl Default for Anneal {

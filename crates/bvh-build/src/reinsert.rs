@@ -20,7 +20,6 @@ use bvh_core::{Bvh, COST_TRAVERSE, MAX_HEIGHT, Node, prefetch};
 use rayon::prelude::*;
 
 use crate::tree::{Boxes, Tree};
-use crate::with_methods::with_methods;
 use crate::{Optimized, raw};
 
 /// The budget of [`reinsert`](fn@reinsert).
@@ -35,7 +34,7 @@ pub struct Reinsert {
     pub passes: u32,
 }
 
-with_methods!(Reinsert: with_part(part: f64), with_passes(passes: u32));
+crate::with_methods!(Reinsert: with_part(part: f64), with_passes(passes: u32));
 
 impl Default for Reinsert {
     fn default() -> Self {

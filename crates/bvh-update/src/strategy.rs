@@ -66,6 +66,8 @@ pub struct Reinsertion {
     pub part: f64,
 }
 
+bvh_build::with_methods!(Reinsertion: with_rotate(rotate: Option<Rotate>), with_part(part: f64));
+
 impl Default for Reinsertion {
     fn default() -> Self {
         Self { rotate: Some(Rotate::default()), part: 0.01 }

@@ -62,11 +62,7 @@ fn check(
         let moved = boxes(n, seed, frame as f32 * step);
         start.iter().zip(moved).enumerate().map(|(i, (s, m))| if moves(i) { m } else { *s }).collect()
     };
-    let budgets = [1, 2, 5].map(|period| {
-        let mut budget = Rotate::default();
-        budget.period = period;
-        budget
-    });
+    let budgets = [1, 2, 5].map(|period| Rotate::default().with_period(period));
     let rotating = budgets.map(|rotate| (Strategy::RefitRotate(rotate), Some(rotate)));
     for (strategy, rotate) in [(Strategy::Refit, None)].into_iter().chain(rotating) {
         let mut expected = tree(&start, max_leaf_size);

@@ -29,8 +29,7 @@ fn bodies_that_fall_asleep_in_each_frame_hide_no_damage() {
         (repairs, over_fresh(&bvh, &burst(1.0)))
     };
     let (_, refitted) = play(Strategy::Refit, false);
-    let mut without_rotations = PartialRebuild::default();
-    without_rotations.rotate = None;
+    let without_rotations = PartialRebuild::default().with_rotate(None);
     for strategy in [Strategy::Auto(Auto::default()), Strategy::PartialRebuild(without_rotations)] {
         let [awake, asleep] = [false, true].map(|falls_asleep| play(strategy, falls_asleep));
         assert!(refitted > 2.0 && awake.1 < 1.2 && asleep.1 < 1.2, "{refitted}, {awake:?}, {asleep:?}");
@@ -39,9 +38,7 @@ fn bodies_that_fall_asleep_in_each_frame_hide_no_damage() {
 }
 
 fn auto(rays: u64) -> Strategy {
-    let mut auto = Auto::default();
-    auto.load = Load::PacketRays(rays);
-    Strategy::Auto(auto)
+    Strategy::Auto(Auto::default().with_load(Load::PacketRays(rays)))
 }
 
 /// A sheet that trembles for 10,000 frames, and then bursts, so that its tree costs twice as much:

@@ -23,8 +23,7 @@ fn boxes(n: usize) -> Vec<Aabb> {
 /// An updater with a build under way.
 fn busy(boxes: &Vec<Aabb>, tree: &Bvh, builder: Builder) -> Updater {
     let (mut bvh, mut updater) = (tree.clone(), Updater::default());
-    let mut background = Background::default();
-    background.builder = builder;
+    let background = Background::default().with_builder(builder);
     updater.set_strategy(Strategy::Background(background)).update(&mut bvh, boxes).expect("same count");
     updater
 }

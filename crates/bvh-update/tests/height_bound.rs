@@ -93,8 +93,7 @@ fn a_repair_that_would_be_too_high_is_a_rebuild() {
         }
         let root = nodes.parent(beside, chain);
         let (mut bvh, mut boxes) = nodes.tree(root);
-        let mut partial = PartialRebuild::default();
-        partial.rotate = None;
+        let partial = PartialRebuild::default().with_rotate(None);
         let mut updater = Updater::new(Strategy::PartialRebuild(partial));
         updater.update(&mut bvh, &boxes).expect("same count");
         for (i, aabb) in boxes[height as usize + 2..].iter_mut().enumerate() {

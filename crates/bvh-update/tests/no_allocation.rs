@@ -56,8 +56,7 @@ fn passes_allocate_in_a_thread_s_first_update_only_and_others_in_the_first_loop_
         // A thread that steals for the first time in its life allocates, whenever that may be.
         assert_eq!(counts(&three).into_iter().min(), Some(0), "{strategy}, 3 threads");
     }
-    let mut never = Degraded::default();
-    never.threshold = f64::INFINITY;
+    let never = Degraded::default().with_threshold(f64::INFINITY);
     for strategy in [Strategy::PartialRebuild(PartialRebuild::default()), Strategy::Degraded(never)] {
         let mut updater = Updater::new(strategy);
         let [_, (counts, has_repaired)] = one.install(|| [0, 1].map(|_| play(&mut updater, &built, &poses)));

@@ -73,21 +73,15 @@ fn is_repair(decision: &Decision) -> bool {
 }
 
 fn auto(load: Load) -> Strategy {
-    let mut auto = Auto::default();
-    auto.load = load;
-    Strategy::Auto(auto)
+    Strategy::Auto(Auto::default().with_load(load))
 }
 
 fn degraded(threshold: f64) -> Strategy {
-    let mut degraded = Degraded::default();
-    degraded.threshold = threshold;
-    Strategy::Degraded(degraded)
+    Strategy::Degraded(Degraded::default().with_threshold(threshold))
 }
 
 fn partial(rotate: Option<Rotate>) -> Strategy {
-    let mut partial = PartialRebuild::default();
-    partial.rotate = rotate;
-    Strategy::PartialRebuild(partial)
+    Strategy::PartialRebuild(PartialRebuild::default().with_rotate(rotate))
 }
 
 #[test]
@@ -167,9 +161,8 @@ fn new_trees_have_no_larger_leaves_than_those_they_replace_but_as_large_ones() {
 #[test]
 fn reinserting_helps_a_burst() {
     let (_, refitted) = play(Strategy::Refit, |_| true);
-    let mut reinsertion = Reinsertion::default();
-    (reinsertion.rotate, reinsertion.part) = (None, 0.05);
-    let (_, worst) = play(Strategy::Reinsert(reinsertion), |i| i % 3 > 0);
+    let strategy = Strategy::Reinsert(Reinsertion::default().with_rotate(None).with_part(0.05));
+    let (_, worst) = play(strategy, |i| i % 3 > 0);
     assert!(worst < 0.7 * refitted, "{worst} for {refitted}");
 }
 
@@ -405,8 +398,7 @@ fn trees_from_the_background_take_over_and_none_waits_or_is_mistaken() {
 }
 
 fn trees_take_over(builder: Builder) {
-    let mut background = Background::default();
-    (background.rotate, background.builder) = (Some(Rotate::default()), builder);
+    let background = Background::default().with_rotate(Some(Rotate::default())).with_builder(builder);
     let strategy = Strategy::Background(background);
     let mut updater = Updater::default();
     let mut trees = [tree(&burst(0.0)), tree(&chaos(0))];

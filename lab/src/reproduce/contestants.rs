@@ -64,8 +64,7 @@ impl Contestant {
         all.push(measured(PAPER_BINNED, Method::Rebuild(paper_binned::update, about)));
         all.extend(System::ALL.map(|s| measured(s.name(), Method::System(s))));
         for (name, rotate) in [(ASYNCHRONOUS, None), (ROTATE_ASYNCHRONOUS, Some(Rotate::default()))] {
-            let mut background = Background::default();
-            (background.rotate, background.builder) = (rotate, Builder::BinnedParallel);
+            let background = Background::default().with_rotate(rotate).with_builder(Builder::BinnedParallel);
             all.push(measured(name, Method::Strategy(Strategy::Background(background))));
         }
         for (name, builder, factor) in [

@@ -220,7 +220,9 @@ fn decode(bytes: &[u8], accessors: &Accessors<'_>, place: &str) -> Result<Option
         return Ok(None);
     }
     let texels = u64::from(width) * u64::from(height);
-    accessors.budget.spend(decoder.total_bytes().max(texels.saturating_mul(4)), place)?;
+    // With the coefficients of a progressive JPEG, and two copies of what is kept.
+    let [decoding, keeping] = [decoder.total_bytes().saturating_mul(3), texels.saturating_mul(8)];
+    accessors.budget.spend(decoding.max(keeping), place)?;
     let texels = match DynamicImage::from_decoder(decoder) {
         Ok(image) => image.into_rgba8().into_raw(),
         Err(error) => return no_image(error),

@@ -47,7 +47,6 @@
 use std::time::Duration;
 
 use bvh_build::Builder;
-use bvh_core::Visits;
 
 /// A node that a pass refits and rotates, or that a single query visits.
 const NODE: f64 = 15.0;
@@ -99,7 +98,7 @@ const PACKET_SLOPE: f64 = 0.4;
 /// let mut visits = Visits::default();
 /// visits += bvh.for_each_pair(&boxes, |_, _| Continue(()));
 /// visits += bvh.for_each_overlap(&boxes, &boxes[7].grown(9.0), |_| Continue(()));
-/// updater.report(Load::from(visits));
+/// updater.report(Load::Nodes(visits.nodes));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -121,13 +120,6 @@ pub enum Load {
     /// times of work on one machine (`auto/cost_model.rs`): where yours is slower, trees are
     /// repaired too often. Visits have no such error.
     Time(Duration),
-}
-
-impl From<Visits> for Load {
-    /// The nodes that single queries visited ([`Load::Nodes`]).
-    fn from(visits: Visits) -> Self {
-        Self::Nodes(visits.nodes)
-    }
 }
 
 /// A load in time: what queries take in a good tree, in nanoseconds, and how much more in a worse

@@ -44,6 +44,8 @@ pub struct Auto {
     pub load: Load,
 }
 
+bvh_build::with_methods!(Auto: with_load(load: Load));
+
 impl Default for Auto {
     fn default() -> Self {
         Self { load: Load::PacketRays(2 << 20) }

@@ -31,6 +31,8 @@ pub struct Background {
     pub builder: Builder,
 }
 
+bvh_build::with_methods!(Background: with_rotate(rotate: Option<Rotate>), with_builder(builder: Builder));
+
 impl Default for Background {
     fn default() -> Self {
         Self { rotate: None, builder: Builder::Binned }

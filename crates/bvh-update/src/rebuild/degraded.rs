@@ -30,6 +30,9 @@ pub struct Degraded {
     pub builder: Builder,
 }
 
+bvh_build::with_methods!(Degraded: with_rotate(rotate: Option<Rotate>), with_threshold(threshold: f64),
+    with_builder(builder: Builder));
+
 impl Default for Degraded {
     fn default() -> Self {
         Self { rotate: None, threshold: 0.4, builder: Builder::BinnedParallel }

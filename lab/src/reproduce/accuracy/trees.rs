@@ -46,8 +46,7 @@ pub(super) fn strategies(bench: &mut Bench<'_>) -> Result<()> {
     });
     let named = strategies.map(|strategy| (strategy.name().to_owned(), strategy));
     let fewer = [2, 4, 8].map(|period| {
-        let mut budget = Rotate::default();
-        budget.period = period;
+        let budget = Rotate::default().with_period(period);
         (format!("refit+rotate at 1 node in {period}"), Strategy::RefitRotate(budget))
     });
     let entrant = |(setting, strategy): (String, Strategy)| {
