@@ -123,18 +123,16 @@ fn leading(x: &BigInt) -> (f64, i32) {
 /// on determinants that are zero.
 #[test]
 fn two_exact_ways_to_a_sign_agree() {
-    let mut state = 1u64;
-    let mut random = || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 33) as u32
-    };
+    let mut random = fastrand::Rng::with_seed(1);
     let mut by_integers = 0;
     for round in 0..20_000 {
         let spread = [0, 4, 40, 120][round % 4];
         let mut number = || {
-            let exponent = 127 + (random() % (2 * spread + 1)) - spread;
+            let exponent = 127 + random.u32(..=2 * spread) - spread;
             f32::from_bits(
-                random() << 31 | exponent << 23 | random() & [0x007f_ffff, 0x0070_0000][round / 4 % 2],
+                random.u32(..2) << 31
+                    | exponent << 23
+                    | random.u32(..) & [0x007f_ffff, 0x0070_0000][round / 4 % 2],
             )
         };
         let mut point = || [number(), number(), number()];

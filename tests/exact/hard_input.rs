@@ -1,10 +1,12 @@
 //! Hard input against exact arithmetic: coordinates of the earth's size, triangles of a nanometre
 //! in a scene of a kilometre, and motion that jumps, stops, runs backwards and scales to nothing.
 
+use fastrand::Rng;
+
 use crate::adaptor::{Mesh, Real, levels, strategies};
 use crate::arithmetic::Point;
 use crate::check::{Tally, check_boxes, check_rays, check_tree, triangle_box};
-use crate::scenes::{Random, add, cube, extent, line, scale, soup};
+use crate::scenes::{add, cube, extent, line, point, scale, soup};
 
 /// Plays meshes with every strategy: trees in every frame, rays and boxes in the frames asked for.
 fn play(frames: &[Mesh], rays_in: impl Fn(usize) -> bool) {
@@ -22,7 +24,7 @@ fn play(frames: &[Mesh], rays_in: impl Fn(usize) -> bool) {
 }
 
 fn look(real: &Real, mesh: &Mesh, rays: usize, seed: u64) -> Result<(), String> {
-    let (bounds, mut random) = (extent(mesh), Random(seed));
+    let (bounds, mut random) = (extent(mesh), Rng::with_seed(seed));
     let lines: Vec<_> = (0..rays).map(|_| line(mesh, bounds, &mut random)).collect();
     check_rays(real, mesh, &lines, false, &mut Tally::default())?;
     let queries: Vec<_> = (0..rays).filter_map(|i| triangle_box(mesh, i % mesh.triangles.len())).collect();
@@ -87,13 +89,13 @@ fn nanometre_triangles_in_a_kilometre_scene() {
     let mut real = Real::new(&frames[0], 1, level);
     real.update(&frames[3], "refit+rotate");
     let small = Mesh { triangles: frames[3].triangles[..40].to_vec(), ..frames[3].clone() };
-    let mut random = Random(8);
+    let mut random = Rng::with_seed(8);
     let lines: Vec<_> = (0..200)
         .map(|i| {
             let mut line = line(&small, extent(&small), &mut random);
             if i % 2 == 0 {
                 let target = add(line.origin, line.direction);
-                line.origin = scale(add(random.point(), [-0.5; 3]), 1000.0);
+                line.origin = scale(add(point(&mut random), [-0.5; 3]), 1000.0);
                 line.direction = [0, 1, 2].map(|k| target[k] - line.origin[k]);
             }
             line

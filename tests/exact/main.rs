@@ -14,8 +14,9 @@ mod seeded;
 use adaptor::{Mesh, Real, Test, levels, strategies};
 use arithmetic::Point;
 use check::{Tally, check_boxes, check_nearest, check_pictures, check_rays, check_tree};
+use fastrand::Rng;
 use rayon::prelude::*;
-use scenes::{Random, add, cube, extent, line, scale, soup};
+use scenes::{add, cube, extent, line, point, scale, soup};
 
 /// Some meshes, frame by frame.
 fn scene(kind: usize, frame: usize, seed: u64) -> Mesh {
@@ -45,7 +46,7 @@ fn middle(low: Point, high: Point) -> Point {
 
 /// Rays of all kinds, and such as start inside a closed mesh.
 fn check_all_rays(real: &Real, mesh: &Mesh, kind: usize, rays: usize, seed: u64, tally: &mut Tally) {
-    let mut random = Random(seed);
+    let mut random = Rng::with_seed(seed);
     let bounds = extent(mesh);
     let lines: Vec<_> = (0..rays).map(|_| line(mesh, bounds, &mut random)).collect();
     let checked = check_rays(real, mesh, &lines, false, tally);
@@ -54,7 +55,7 @@ fn check_all_rays(real: &Real, mesh: &Mesh, kind: usize, rays: usize, seed: u64,
         let mut from_inside = lines;
         for line in &mut from_inside {
             let target = add(line.origin, line.direction);
-            let dent = add(scale(random.point(), 4.0), [-2.0; 3]);
+            let dent = add(scale(point(&mut random), 4.0), [-2.0; 3]);
             line.origin = add(middle(bounds.0, bounds.1), dent);
             line.direction = [0, 1, 2].map(|k| target[k] - line.origin[k]);
             line.t_max = f32::INFINITY;
@@ -67,13 +68,13 @@ fn check_all_rays(real: &Real, mesh: &Mesh, kind: usize, rays: usize, seed: u64,
 fn check_everything(real: &Real, mesh: &Mesh, kind: usize, rays: usize, seed: u64) -> Tally {
     let mut tally = Tally::default();
     check_all_rays(real, mesh, kind, rays, seed, &mut tally);
-    let mut random = Random(seed);
+    let mut random = Rng::with_seed(seed);
     let (low, high) = extent(mesh);
     let mut queries = vec![(low, high)];
     for i in 0..rays.min(30) {
-        let place = |random: &mut Random| [0, 1, 2].map(|k| low[k] + (high[k] - low[k]) * random.unit());
+        let place = |random: &mut Rng| [0, 1, 2].map(|k| low[k] + (high[k] - low[k]) * random.f32());
         let corner = place(&mut random);
-        queries.push((corner, add(corner, scale(random.point(), 0.3 * (high[0] - low[0])))));
+        queries.push((corner, add(corner, scale(point(&mut random), 0.3 * (high[0] - low[0])))));
         // Boxes that touch another in a plane.
         if let Some((_, touched)) = check::triangle_box(mesh, i % mesh.triangles.len()) {
             queries.push((touched, add(touched, [1.0; 3])));

@@ -2,32 +2,14 @@
 
 use std::collections::BTreeMap;
 
+use fastrand::Rng;
+
 use crate::adaptor::{Line, Mesh};
 use crate::arithmetic::Point;
 
-/// A sequence of numbers that depends on its seed only (PCG).
-pub(crate) struct Random(pub(crate) u64);
-
-impl Random {
-    pub(crate) fn next(&mut self) -> u32 {
-        let old = self.0;
-        self.0 = old.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        let word = (((old >> 18) ^ old) >> 27) as u32;
-        word.rotate_right((old >> 59) as u32)
-    }
-
-    pub(crate) fn below(&mut self, n: usize) -> usize {
-        self.next() as usize % n
-    }
-
-    /// At least 0 and less than 1.
-    pub(crate) fn unit(&mut self) -> f32 {
-        (self.next() >> 8) as f32 / (1 << 24) as f32
-    }
-
-    pub(crate) fn point(&mut self) -> Point {
-        [self.unit(), self.unit(), self.unit()]
-    }
+/// A point of the unit cube.
+pub(crate) fn point(random: &mut Rng) -> Point {
+    [random.f32(), random.f32(), random.f32()]
 }
 
 pub(crate) fn add(a: Point, b: Point) -> Point {
@@ -40,13 +22,13 @@ pub(crate) fn scale(a: Point, s: f32) -> Point {
 
 /// Triangles of size 1 at random in a cube of side 10, each on its way in its own direction.
 pub(crate) fn soup(n: usize, frame: usize, seed: u64) -> Mesh {
-    let mut random = Random(seed);
+    let mut random = Rng::with_seed(seed);
     let mut positions = Vec::new();
     for _ in 0..n {
-        let center = scale(random.point(), 10.0);
-        let way = scale(add(random.point(), [-0.5; 3]), frame as f32);
+        let center = scale(point(&mut random), 10.0);
+        let way = scale(add(point(&mut random), [-0.5; 3]), frame as f32);
         for _ in 0..3 {
-            positions.push(add(add(center, way), random.point()));
+            positions.push(add(add(center, way), point(&mut random)));
         }
     }
     Mesh { positions, triangles: (0..n as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect() }
@@ -64,7 +46,7 @@ pub(crate) fn cube(n: u32, frame: usize, offset: Point, half: f32) -> Mesh {
             *numbers.entry(at).or_insert_with(|| {
                 let place = at.map(|i| half * (2.0 * i as f32 / n as f32 - 1.0));
                 let number = positions.len() as u32;
-                let dent = Random(1 + 1000 * frame as u64 + u64::from(number)).unit();
+                let dent = Rng::with_seed(1000 * frame as u64 + u64::from(number)).f32();
                 let shrink = if frame == 0 { 1.0 } else { 1.0 - 0.2 * dent };
                 positions.push(add(offset, scale(place, shrink)));
                 number
@@ -80,13 +62,13 @@ pub(crate) fn cube(n: u32, frame: usize, offset: Point, half: f32) -> Mesh {
 
 /// A ray of one of several kinds: at the inside of a triangle, at an edge, at a corner, anywhere,
 /// along an axis; some of them end near what they hit.
-pub(crate) fn line(mesh: &Mesh, (low, high): (Point, Point), random: &mut Random) -> Line {
-    let inside = |random: &mut Random| [0, 1, 2].map(|k| low[k] + (high[k] - low[k]) * random.unit());
-    let triangle = random.below(mesh.triangles.len());
+pub(crate) fn line(mesh: &Mesh, (low, high): (Point, Point), random: &mut Rng) -> Line {
+    let inside = |random: &mut Rng| [0, 1, 2].map(|k| low[k] + (high[k] - low[k]) * random.f32());
+    let triangle = random.usize(..mesh.triangles.len());
     let finite = mesh.is_finite(triangle);
     let [a, b, c] = if finite { mesh.corners(triangle) } else { [low, low, high] };
-    let (u, v) = (random.unit(), random.unit());
-    let target = match random.below(8) {
+    let (u, v) = (random.f32(), random.f32());
+    let target = match random.usize(..8) {
         0 => a,
         1 => [0, 1, 2].map(|k| a[k] + (b[k] - a[k]) * u),
         2 => inside(random),
@@ -95,25 +77,25 @@ pub(crate) fn line(mesh: &Mesh, (low, high): (Point, Point), random: &mut Random
             [0, 1, 2].map(|k| a[k] + (b[k] - a[k]) * u + (c[k] - a[k]) * v)
         }
     };
-    let out = [0, 1, 2].map(|k| low[k] + (high[k] - low[k]) * (3.0 * random.unit() - 1.0));
-    let mut origin = if random.below(3) == 0 { inside(random) } else { out };
+    let out = [0, 1, 2].map(|k| low[k] + (high[k] - low[k]) * (3.0 * random.f32() - 1.0));
+    let mut origin = if random.usize(..3) == 0 { inside(random) } else { out };
     let mut direction = [0, 1, 2].map(|k| target[k] - origin[k]);
-    match random.below(8) {
+    match random.usize(..8) {
         0 => {
             // Along an axis, through the target.
-            let k = random.below(3);
+            let k = random.usize(..3);
             origin = target;
             origin[k] = out[k];
             direction = [0.0, -0.0, 0.0];
             direction[k] = target[k] - out[k];
         }
-        1 => direction[random.below(3)] = 0.0,
-        2 => direction = scale(direction, 0.125 + 3.0 * random.unit()),
+        1 => direction[random.usize(..3)] = 0.0,
+        2 => direction = scale(direction, 0.125 + 3.0 * random.f32()),
         _ => {}
     }
-    let t_max = match random.below(4) {
+    let t_max = match random.usize(..4) {
         0 => 1.0,
-        1 => 2.0 * random.unit(),
+        1 => 2.0 * random.f32(),
         _ => f32::INFINITY,
     };
     if direction == [0.0; 3] {

@@ -4,13 +4,15 @@
 
 use std::cell::Cell;
 
+use fastrand::Rng;
+
 use crate::adaptor::{Hit, Line, Mesh, Picture, PlainTree, Real, Report, Subject, Test, Way, levels};
 use crate::arithmetic::Point;
 use crate::check::{
     Tally, Truth, check_boxes, check_nearest, check_pictures, check_rays, check_rotations, check_tree,
     exact_cost, triangle_box,
 };
-use crate::scenes::{Random, add, cube, extent, line, scale, soup};
+use crate::scenes::{add, cube, extent, line, point, scale, soup};
 
 /// What is wrong.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -271,14 +273,15 @@ fn updated(mesh: impl Fn(usize) -> Mesh, strategy: &str) -> (Mesh, Real) {
 fn check(subject: &Seeded<'_>) -> Result<(), String> {
     let mesh = subject.mesh;
     check_tree(subject, mesh)?;
-    let (bounds, mut random, mut tally) = (extent(mesh), Random(3), Tally::default());
+    let (bounds, mut random, mut tally) = (extent(mesh), Rng::with_seed(3), Tally::default());
     let lines: Vec<_> = (0..300).map(|_| line(mesh, bounds, &mut random)).collect();
     check_rays(subject, mesh, &lines, false, &mut tally)?;
     let middle = [0, 1, 2].map(|k| 0.5 * (bounds.0[k] + bounds.1[k]));
     let eye = add(middle, [3.0, 5.0, 20.0]);
     let light = add(middle, [-8.0, 4.0, 14.0]);
     check_pictures(subject, mesh, Test::Watertight, [eye, middle, light], 24, &mut tally)?;
-    let points: Vec<_> = (0..100).map(|_| add(middle, scale(add(random.point(), [-0.5; 3]), 30.0))).collect();
+    let points: Vec<_> =
+        (0..100).map(|_| add(middle, scale(add(point(&mut random), [-0.5; 3]), 30.0))).collect();
     check_nearest(subject, mesh, &points)?;
     let boxes = (0..mesh.triangles.len()).filter_map(|i| triangle_box(mesh, i));
     let touching: Vec<_> = boxes.map(|(_, high)| (high, add(high, [2.0; 3]))).collect();
@@ -301,9 +304,9 @@ fn one_hit_in_a_million_that_is_lost_is_found() {
     let (mesh, real) = updated(|frame| cube(1, frame, [0.0; 3], 4.0), "refit");
     let lost = |defect| {
         let seeded = Seeded::new(&real, &mesh, defect);
-        let (mut random, mut tally, mut hits) = (Random(9), Tally::default(), 0);
+        let (mut random, mut tally, mut hits) = (Rng::with_seed(9), Tally::default(), 0);
         while hits <= HITS {
-            let direction = |_| add(random.point(), [-0.5; 3]);
+            let direction = |_| add(point(&mut random), [-0.5; 3]);
             let lines: Vec<_> = (0..1000)
                 .map(direction)
                 .map(|direction| Line { origin: [0.1, 0.2, 0.3], direction, t_max: f32::INFINITY })

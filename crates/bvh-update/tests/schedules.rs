@@ -24,9 +24,9 @@ impl Primitives for Waiting<'_> {
     fn bounds(&self, i: usize) -> Aabb {
         let thread = rayon::current_thread_index().map_or(0, |thread| thread as u8 + 1);
         self.asked_by[i].store(thread, Ordering::Relaxed);
-        let noise = (self.seed ^ i as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 40;
-        if noise.is_multiple_of(257) {
-            (0..=noise % 3).for_each(|_| std::thread::yield_now());
+        let mut random = fastrand::Rng::with_seed(self.seed.rotate_left(32) ^ i as u64);
+        if random.u32(..257) == 0 {
+            (0..random.u32(1..4)).for_each(|_| std::thread::yield_now());
         }
         self.boxes.aabb(i)
     }

@@ -194,6 +194,7 @@ mod tests {
     use bvh_core::{Ray, SimdLevel};
 
     use super::*;
+    use crate::random::uniform;
     use crate::simd::{detected, dispatch};
 
     /// Whether an outline in all lanes is met; all lanes have to agree.
@@ -269,14 +270,13 @@ mod tests {
         };
         let mut counts = [0; 3];
         for n in 0..4000u32 {
-            let at =
-                |k: u32| (n.wrapping_mul(2_654_435_761).wrapping_add(k * 40_503) % 1000) as f32 / 100.0 - 5.0;
-            let center = Vec3::new(at(1), at(2 + n), at(3 + 7 * n));
+            let at = |k: u64| uniform(n.into(), k) * 10.0 - 5.0;
+            let center = Vec3::new(at(0), at(1), at(2));
             let (meets, _) = check(Aabb::new(center - 0.3, center + 0.3));
             counts[usize::from(meets)] += 1;
             // A box that begins on an edge of the frustum, or a rounding from there.
             let corner = corners[n as usize % 4];
-            let start = origin + along(corner) * (0.1 + at(1).abs());
+            let start = origin + along(corner) * (0.1 + at(3).abs());
             let mut out = Vec3::splat(0.3);
             (out[across], out[up]) = (0.3 * corner[0].signum(), 0.3 * corner[1].signum());
             let (_, entered) = check(Aabb::new(start.min(start + out), start.max(start + out)));

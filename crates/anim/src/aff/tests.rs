@@ -411,21 +411,16 @@ fn noise_does_not_panic() {
     for length in 0..whole.len() {
         try_load(&whole[..length]);
     }
-    // A linear congruential generator is random enough.
-    let mut state = 1_u64;
-    let mut random = |below: usize| {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 33) as usize % below
-    };
+    let mut random = fastrand::Rng::with_seed(1);
     let alphabet = b"0123456789-.e {}#%\nxkpmavls\xff\0";
     let mut loaded = 0;
     for _ in 0..3000 {
         let mut bytes = whole.clone();
-        for _ in 0..=random(4) {
-            let place = random(bytes.len());
-            match random(3) {
-                0 => bytes[place] = alphabet[random(alphabet.len())],
-                1 => bytes.insert(place, alphabet[random(alphabet.len())]),
+        for _ in 0..=random.usize(..4) {
+            let place = random.usize(..bytes.len());
+            match random.usize(..3) {
+                0 => bytes[place] = alphabet[random.usize(..alphabet.len())],
+                1 => bytes.insert(place, alphabet[random.usize(..alphabet.len())]),
                 _ => drop(bytes.remove(place)),
             }
         }

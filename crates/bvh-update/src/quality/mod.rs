@@ -193,10 +193,12 @@ mod tests {
 
     #[test]
     fn sums_are_of_the_nodes_in_the_tree_and_the_same_for_any_number_of_threads() {
-        let at = |i: usize, k: usize| (i.wrapping_mul(k) % 997) as f32;
+        let at = |i: usize, k: usize| {
+            let seed = (k as u64).rotate_left(32) ^ i as u64;
+            fastrand::Rng::with_seed(seed).f32() * 1000.0
+        };
         let pose = |frame: usize| -> Vec<Aabb> {
-            let corner =
-                |i: usize| Vec3::new(at(i / 4, 7919), at(i / 4, 31), at(i, frame) * (frame % 2) as f32);
+            let corner = |i: usize| Vec3::new(at(i / 4, 8), at(i / 4, 9), at(i, frame) * (frame % 2) as f32);
             (0..10_000).map(corner).map(|corner| Aabb::new(corner, corner + 9.0)).collect()
         };
         let more = [Node::leaf(pose(0)[0], 0, 1); 2000];

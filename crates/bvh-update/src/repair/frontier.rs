@@ -252,6 +252,11 @@ mod tests {
     use crate::refit::{PassOptions, parts, pass};
     use crate::state::State;
 
+    /// A number from 0 to 1 that depends on `seed` and `i` only.
+    fn noise(seed: u64, i: usize) -> f32 {
+        fastrand::Rng::with_seed(seed.rotate_left(32) ^ i as u64).f32()
+    }
+
     /// The excess at and below a node, by definition. O(n).
     fn excess(bvh: &Bvh, node: &Node, scale: f64) -> f64 {
         let Some(pair) = bvh.children(node) else { return 0.0 };
@@ -262,7 +267,7 @@ mod tests {
 
     #[test]
     fn the_frontier_is_where_excess_ends() {
-        let at = |i: usize, k: usize| (i.wrapping_mul(k) % 99_991) as f32 * 1e-3;
+        let at = |i: usize, k: u64| noise(k, i) * 100.0;
         let some: fn(usize, usize) -> bool = |p, _| p % 7 != 0;
         let inputs = [
             (20_000, Builder::Lbvh, some),
@@ -275,8 +280,8 @@ mod tests {
         let mut scratch = FrontierScratch::default();
         for (n, builder, moves) in inputs {
             let pose = |moved: f32| -> Vec<Aabb> {
-                let corner = |i: usize| Vec3::new(at(i, 7919), at(i, 104_729), at(i, 1_299_709));
-                let away = |i: usize| if i.is_multiple_of(50) { moved * at(i, 31) } else { 0.0 };
+                let corner = |i: usize| Vec3::new(at(i, 0), at(i, 1), at(i, 2));
+                let away = |i: usize| if i.is_multiple_of(50) { moved * at(i, 3) } else { 0.0 };
                 (0..n).map(|i| corner(i) + away(i)).map(|corner| Aabb::new(corner, corner + 0.4)).collect()
             };
             let mut bvh = build(&pose(0.0), builder).expect("few enough");
@@ -327,7 +332,7 @@ mod tests {
     fn a_walk_that_finds_too_much_ends_early() {
         let boxes = |moved: f32| -> Vec<Aabb> {
             let at = |i: usize| Vec3::new((i % 61) as f32, (i % 53) as f32, (i % 47) as f32);
-            let away = |i: usize| moved * (i.wrapping_mul(7919) % 997) as f32;
+            let away = |i: usize| moved * noise(0, i) * 1000.0;
             (0..100_000).map(|i| at(i) + away(i)).map(|p| Aabb::new(p, p + 0.5)).collect()
         };
         let mut bvh = build(&boxes(0.0), Builder::Lbvh).expect("few enough");
