@@ -563,6 +563,7 @@ fn trees_that_are_equal_but_for_rounding_are_not_exchanged_for_ever() {
     assert!(hashes[100..].iter().all(|&hash| hash == hashes[199]));
     // Areas that have few digits in `f32`.
     for seed in 0..10 {
+        // Not from a crate: the check came with these boxes, and others may not show the failure.
         let at = |i: u32, k: u32| (i.wrapping_mul(k).wrapping_add(seed * 7919) % 99_991) as f32 * 1e-5;
         let corner = |i: u32| Vec3::new(at(i, 7919), at(i, 104_729), at(i, 1_299_709));
         let boxes: Vec<Aabb> =

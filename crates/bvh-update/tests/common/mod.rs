@@ -3,7 +3,7 @@
 use bvh_build::{Builder, build};
 use bvh_core::{Aabb, Bvh, Vec3, sah_cost};
 
-/// A point of the unit cube.
+/// A point of the unit cube. Not from a crate: a bound of `baselines.rs` fails with other numbers.
 pub(crate) fn noise(i: usize) -> Vec3 {
     let hash = |k: usize| {
         let h = (i * 3 + k).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ (i << 7);
