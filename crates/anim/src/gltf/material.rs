@@ -13,7 +13,7 @@ use ::gltf::json::texture::{Info, MagFilter, WrappingMode};
 use ::gltf::json::validation::Checked;
 use ::gltf::json::{Index, Root};
 use glam::Vec2;
-use image::{DynamicImage, ImageDecoder, ImageError, ImageReader, Limits};
+use image::{ImageError, ImageReader, Limits};
 
 use super::accessor::Accessors;
 use super::source::{decode_data_uri, is_data, relative_path};
@@ -203,31 +203,21 @@ impl Textures<'_> {
 
 /// `None` if the bytes are no image that can be decoded. An error if memory does not suffice.
 fn decode(bytes: &[u8], accessors: &Accessors<'_>, place: &str) -> Result<Option<Texture>, Problem> {
-    let no_image = |error| match error {
-        ImageError::Limits(_) => Err(Problem::new(place, error, "an image that the memory suffices for")),
-        _ => Ok(None),
-    };
     let Ok(mut reader) = ImageReader::new(Cursor::new(bytes)).with_guessed_format() else { return Ok(None) };
     let mut limits = Limits::default();
-    limits.max_alloc = Some(accessors.budget.left());
+    // A progressive JPEG takes three times as much as the image while it is decoded.
+    limits.max_alloc = Some(accessors.budget.left() / 3);
     reader.limits(limits);
-    let decoder = match reader.into_decoder() {
-        Ok(decoder) => decoder,
-        Err(error) => return no_image(error),
+    let image = match reader.decode() {
+        Ok(image) if image.width() > 0 && image.height() > 0 => image,
+        Err(ImageError::Limits(error)) => return Err(Problem::new(place, error, "a smaller image")),
+        _ => return Ok(None),
     };
-    let (width, height) = decoder.dimensions();
-    if width == 0 || height == 0 {
-        return Ok(None);
-    }
+    let (width, height) = (image.width(), image.height());
     let texels = u64::from(width) * u64::from(height);
-    // With the coefficients of a progressive JPEG, and two copies of what is kept.
-    let [decoding, keeping] = [decoder.total_bytes().saturating_mul(3), texels.saturating_mul(8)];
-    accessors.budget.spend(decoding.max(keeping), place)?;
-    let texels = match DynamicImage::from_decoder(decoder) {
-        Ok(image) => image.into_rgba8().into_raw(),
-        Err(error) => return no_image(error),
-    };
-    let texels: Arc<[[u8; 4]]> = texels.as_chunks().0.into();
+    // What is kept is held twice for a moment.
+    accessors.budget.spend(texels.saturating_mul(8), place)?;
+    let texels: Arc<[[u8; 4]]> = image.into_rgba8().as_chunks().0.into();
     let least_opacity = texels.iter().map(|texel| texel[3]).min().unwrap_or(u8::MAX);
     let (wrap, filter) = ([Wrap::Repeat; 2], Filter::Linear);
     Ok(Some(Texture { width, height, texels, least_opacity, wrap, filter }))

@@ -186,7 +186,7 @@ fn an_image_larger_than_the_file_allows_is_refused() {
     }
     bytes[29..33].copy_from_slice(&(!crc).to_be_bytes());
     let message = textured_triangle().error(&textured("", &data_uri(&bytes), "", ""));
-    assert!(message.contains("image 0"), "{message}");
+    assert!(message.contains("image 0") && message.contains("smaller image"), "{message}");
 }
 
 #[test]
