@@ -112,12 +112,17 @@ pub fn area_changes(l: Aabb, r: Aabb, below_l: Option<[Aabb; 2]>, below_r: Optio
     change
 }
 
-/// Chooses the rotation of the smallest change, if it is below zero; the first in order on a tie. A
-/// NaN is no gain.
+/// A change of area that is no gain: less than the smallest `f32` with all its digits may be nothing
+/// but rounding, and where all areas are that small, rotations would make trees worse.
+#[doc(hidden)]
+pub const NO_GAIN: f32 = -f32::MIN_POSITIVE;
+
+/// Chooses the rotation of the smallest change, if that saves more than the smallest normal `f32`,
+/// 1.2e-38; the first in order on a tie. A NaN is no gain.
 #[must_use]
 #[inline]
 pub fn best(changes: [f32; 6]) -> Option<Rotation> {
-    let mut least = (0.0, None);
+    let mut least = (NO_GAIN, None);
     for (change, rotation) in changes.into_iter().zip(Rotation::ALL) {
         if change < least.0 {
             least = (change, Some(rotation));
@@ -229,6 +234,7 @@ mod tests {
     #[test]
     fn the_first_of_equal_gains_is_taken_and_nan_never() {
         assert_eq!(best([0.0; 6]), None);
+        assert_eq!(best([-1e-39; 6]), None);
         assert_eq!(best([f32::NAN; 6]), None);
         assert_eq!(best([1.0, -1.0, f32::NAN, -1.0, -0.5, -0.0]), Some(Rotation::LForRr));
     }

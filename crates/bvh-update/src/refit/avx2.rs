@@ -8,7 +8,7 @@
 use std::arch::x86_64::*;
 use std::ops::Range;
 
-use bvh_core::Primitives;
+use bvh_core::{Primitives, rotation::NO_GAIN};
 
 use super::block::{Block, Entry, Leaves, Lister};
 use super::kernels;
@@ -94,14 +94,14 @@ fn boxes(pairs: &[PairAt<'_>; WIDTH], side: usize) -> Boxes<__m256> {
 #[target_feature(enable = "avx2,bmi1,bmi2")]
 #[inline]
 fn best(changes: [__m256; 6]) -> BestRotations<WIDTH> {
-    let zero = _mm256_setzero_ps();
-    let (mut least, mut rotations) = (zero, zero);
+    let no_gain = _mm256_set1_ps(NO_GAIN);
+    let (mut least, mut rotations) = (no_gain, _mm256_setzero_ps());
     for (i, change) in (0..).zip(changes) {
         let is_less = _mm256_cmp_ps::<_CMP_LT_OQ>(change, least);
         least = _mm256_blendv_ps(least, change, is_less);
         rotations = _mm256_blendv_ps(rotations, _mm256_castsi256_ps(_mm256_set1_epi32(i)), is_less);
     }
-    let gains = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LT_OQ>(least, zero)) as u32;
+    let gains = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LT_OQ>(least, no_gain)) as u32;
     BestRotations { gains, changes: bytemuck::cast(least), rotations: bytemuck::cast(rotations) }
 }
 

@@ -3,6 +3,7 @@
 use std::ops::{Add, Mul, Range, Sub};
 
 use bvh_core::glam::{Mat4, Vec4};
+use bvh_core::rotation::NO_GAIN;
 
 use super::Tally;
 use super::block::{Block, Entry, Leaves, Lister};
@@ -46,13 +47,13 @@ fn boxes(pairs: &[PairAt<'_>; WIDTH], side: usize) -> Boxes<Vec4> {
 /// The best rotation of each node, given the changes under all. A NaN is no gain.
 #[inline(always)]
 pub(super) fn best(changes: [Vec4; 6]) -> BestRotations<WIDTH> {
-    let (mut least, mut rotations) = (Vec4::ZERO, Vec4::ZERO);
+    let (mut least, mut rotations) = (Vec4::splat(NO_GAIN), Vec4::ZERO);
     for (i, change) in (0..).zip(changes) {
         let is_less = change.cmplt(least);
         least = Vec4::select(is_less, change, least);
         rotations = Vec4::select(is_less, Vec4::splat(f32::from_bits(i)), rotations);
     }
-    let gains = least.cmplt(Vec4::ZERO).bitmask();
+    let gains = least.cmplt(Vec4::splat(NO_GAIN)).bitmask();
     BestRotations { gains, changes: least.to_array(), rotations: bytemuck::cast(rotations) }
 }
 
