@@ -1,9 +1,9 @@
 //! A small test scene: triangles that drift apart, each its own way.
 
 use bvh_core::{Triangles, Vec3};
+use rt_cpu::{Camera, uniform};
+
 use pivot_benches::View;
-use pivot_tests::noise;
-use rt_cpu::Camera;
 
 /// Unconnected triangles in a cube of side 10.
 #[derive(Clone, Debug)]
@@ -18,11 +18,13 @@ impl Soup {
     /// `n` triangles, of a size that covers most of the view.
     pub(crate) fn new(n: usize) -> Self {
         let size = 10.0 / (n.max(1) as f32).sqrt();
-        let corner = |k: u64, i: usize| (noise(3 + k, i) - 0.5) * 4.0 * size;
+        let noise = |seed: u64| move |i: usize| noise(seed, i);
+        let (place, drift) = (noise(1), noise(2));
+        let corner = |k: u64| move |i: usize| (self::noise(3 + k, i) - 0.5) * 4.0 * size;
         Self {
-            centers: (0..n).map(|i| noise(1, i) * 10.0).collect(),
-            drifts: (0..n).map(|i| noise(2, i) - 0.5).collect(),
-            corners: (0..n).map(|i| [0, 1, 2].map(|k| corner(k, i))).collect(),
+            centers: (0..n).map(|i| place(i) * 10.0).collect(),
+            drifts: (0..n).map(|i| drift(i) - 0.5).collect(),
+            corners: (0..n).map(|i| [corner(0)(i), corner(1)(i), corner(2)(i)]).collect(),
             indices: (0..n as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
         }
     }
@@ -44,4 +46,10 @@ impl Soup {
     pub(crate) fn triangles<'a>(&'a self, positions: &'a [Vec3]) -> Triangles<'a> {
         Triangles { positions, indices: &self.indices }
     }
+}
+
+/// A point in the unit cube. Bounds on rivals' trees (`agree.rs`) hold for this noise.
+fn noise(seed: u64, i: usize) -> Vec3 {
+    let coordinate = |axis: u64| uniform(seed << 40, i as u64 * 3 + axis);
+    Vec3::new(coordinate(0), coordinate(1), coordinate(2))
 }

@@ -43,13 +43,17 @@ impl Budget {
     }
 
     pub(crate) fn spend(&self, bytes: u64, place: &str) -> Result<(), Problem> {
+        self.check(bytes, place).map(|spent| self.spent.set(spent))
+    }
+
+    /// The sum if these bytes were taken, which they must be able to be.
+    pub(crate) fn check(&self, bytes: u64, place: &str) -> Result<u64, Problem> {
         let (spent, limit) = (self.spent.get().saturating_add(bytes), self.limit());
         if spent > limit {
             let expected = format!("at most {limit} for files of this size");
             return Err(Problem::new(place, format!("{spent} bytes of decoded data in all"), expected));
         }
-        self.spent.set(spent);
-        Ok(())
+        Ok(spent)
     }
 
     pub(crate) fn spend_on(&self, vertices: usize, triangles: usize, place: &str) -> Result<(), Problem> {

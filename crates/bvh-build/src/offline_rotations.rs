@@ -29,7 +29,7 @@ pub struct HillClimb {
     pub passes: u32,
 }
 
-crate::with_methods!(HillClimb: with_passes(passes: u32));
+bvh_core::with_methods!(HillClimb: with_passes(passes: u32));
 
 impl Default for HillClimb {
     fn default() -> Self {
@@ -55,7 +55,7 @@ pub struct Anneal {
     pub climb: HillClimb,
 }
 
-crate::with_methods!(Anneal: with_passes(passes: u32), with_temperature(temperature: f64), with_seed(seed: u64),
+bvh_core::with_methods!(Anneal: with_passes(passes: u32), with_temperature(temperature: f64), with_seed(seed: u64),
     with_climb(climb: HillClimb));
 
 impl Default for Anneal {

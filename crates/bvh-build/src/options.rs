@@ -117,31 +117,19 @@ pub struct BuildOptions {
     pub reinsert: Reinsert,
 }
 
-crate::with_methods!(BuildOptions: with_max_leaf_size(max_leaf_size: u32), with_bins(bins: u32),
+bvh_core::with_methods!(BuildOptions: with_max_leaf_size(max_leaf_size: u32), with_bins(bins: u32),
     with_search_radius(search_radius: u32), with_hill_climb(hill_climb: HillClimb),
     with_anneal(anneal: Anneal), with_reinsert(reinsert: Reinsert));
 
 impl Default for BuildOptions {
     fn default() -> Self {
-        let (hill_climb, anneal, reinsert) = Default::default();
-        Self { max_leaf_size: 1, bins: 32, search_radius: 8, hill_climb, anneal, reinsert }
-    }
-}
-
-/// Adds a method for each field that gives the value with another content of that field.
-#[doc(hidden)]
-#[macro_export]
-macro_rules! with_methods {
-    ($type:ident: $($with:ident($field:ident: $content:ty)),+) => {
-        impl $type {
-            $(
-                #[doc = concat!("The same with another [`", stringify!($field), "`](Self::", stringify!($field), ").")]
-                #[must_use]
-                pub const fn $with(mut self, $field: $content) -> Self {
-                    self.$field = $field;
-                    self
-                }
-            )+
+        Self {
+            max_leaf_size: 1,
+            bins: 32,
+            search_radius: 8,
+            hill_climb: HillClimb::default(),
+            anneal: Anneal::default(),
+            reinsert: Reinsert::default(),
         }
-    };
+    }
 }

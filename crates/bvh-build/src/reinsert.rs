@@ -34,7 +34,7 @@ pub struct Reinsert {
     pub passes: u32,
 }
 
-crate::with_methods!(Reinsert: with_part(part: f64), with_passes(passes: u32));
+bvh_core::with_methods!(Reinsert: with_part(part: f64), with_passes(passes: u32));
 
 impl Default for Reinsert {
     fn default() -> Self {

@@ -8,7 +8,7 @@ use crate::{Bvh, OnPanic};
 impl Bvh {
     /// Sets which primitives are dynamic, that is, may move. At first all are.
     ///
-    /// Updates do not visit static subtrees, and their boxes stay as they are: mark what you add,
+    /// Updates do not visit static subtrees, and their boxes stay as they are. Mark what you add,
     /// remove or move elsewhere as dynamic for the next update, or queries find it where it was.
     /// But a rotation may exchange a child of a static subtree's root for another node: the root's
     /// box then changes, and it becomes dynamic if the new child is. A leaf is dynamic if any

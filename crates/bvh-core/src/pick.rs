@@ -63,9 +63,12 @@ pub fn any_hit(bvh: &Bvh, triangles: &Triangles<'_>, ray: &Ray, t_max: f32, test
     any_hit_counted(bvh, triangles, ray, t_max, test, &mut Visits::default())
 }
 
-/// Finds what [`closest_hit`] finds among the hits that `counts` is true for, and adds what the ray
-/// visited to `visits`: objects that are hidden or locked, holes in textures, or the next hit
-/// behind another, since [`Hit::is_before`] orders hits.
+/// Finds the closest hit that `counts` is true for, as [`closest_hit`] does, and adds what the ray
+/// visited to `visits`.
+///
+/// Leave out objects that are hidden or locked, holes in textures, or all hits up to one that is
+/// known: [`Hit::is_before`] orders hits. `counts` is asked about hits that come before the best so
+/// far, in no particular order.
 ///
 /// ```
 /// use bvh_core::{Aabb, Bvh, Hit, Node, Ray, TriangleTest, Triangles, Vec3, Visits, closest_hit_where};

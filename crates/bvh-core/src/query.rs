@@ -105,9 +105,10 @@ impl Bvh {
         self.walk_pairs::<_, _, true>(primitives, self, primitives, |_, _| true, found)
     }
 
-    /// Does what [`for_each_pair`](Self::for_each_pair) does, but leaves out the pairs of two
-    /// leaves that are both static ([`set_dynamic`](Self::set_dynamic)): where few primitives are
-    /// awake, it looks at few nodes.
+    /// Does what [`for_each_pair`](Self::for_each_pair) does, but leaves out pairs of primitives
+    /// whose leaves are static ([`set_dynamic`](Self::set_dynamic)), two in one leaf among them.
+    /// Two subtrees that are both static are not visited: O(k log n + pairs) for k scattered dynamic
+    /// primitives.
     ///
     /// # Panics
     /// As [`for_each_pair`](Self::for_each_pair).
@@ -144,8 +145,11 @@ impl Bvh {
     /// whose boxes overlap (touching counts), until it breaks: what moves against a static world,
     /// say.
     ///
-    /// `primitives` are those of the last update of this tree, `others` those of the other; else as
-    /// [`for_each_pair`](Self::for_each_pair).
+    /// `found` gets a primitive of this tree first and one of the other second; pairs come in no
+    /// particular order. A tree and itself give each primitive with itself, and all other pairs
+    /// twice. A dropped primitive is in no pair. `primitives` are those of the last update of this
+    /// tree, `others` those of the other; they are asked only about leaves of several primitives.
+    /// O(n + m + pairs) for scattered primitives, n and m of them. Allocates nothing.
     ///
     /// # Panics
     /// May panic if there are fewer `primitives` or `others` than the trees hold.
@@ -190,7 +194,7 @@ impl Bvh {
         let mut visits = Visits { queries: 1, ..Visits::default() };
         // Within a tree two equal numbers stand for the pairs within a subtree. Of those one pends
         // for each level above and two at the present level; below them pend two different nodes,
-        // one for each level of either.
+        // one for each level of either: at most 2 * MAX_HEIGHT + 1 in all.
         let mut stack = [(0, 0); 2 * STACK];
         let mut top = 1;
         while top > 0 {

@@ -80,7 +80,7 @@ impl Rotation {
 /// grandchildren, `None` below a leaf. An area beyond the range of `f32` makes a change infinite or
 /// NaN; such a change is below zero only where the rotation is certain to gain, or where an extent
 /// is beyond that range as well. Areas below 1e-38 have few digits in `f32`; where all are, a
-/// change may have the wrong sign.
+/// change may have the wrong sign, so [`best`] takes none that small.
 ///
 /// ```
 /// use bvh_core::rotation::{Rotation, area_changes, best};
@@ -112,8 +112,8 @@ pub fn area_changes(l: Aabb, r: Aabb, below_l: Option<[Aabb; 2]>, below_r: Optio
     change
 }
 
-/// A change of area that is no gain: less than the smallest `f32` with all its digits may be nothing
-/// but rounding, and where all areas are that small, rotations would make trees worse.
+/// A change of area that is no gain. Below the smallest normal `f32`, 1.2e-38, a change may be
+/// nothing but rounding, and where all areas are that small, rotations would make trees worse.
 #[doc(hidden)]
 pub const NO_GAIN: f32 = -f32::MIN_POSITIVE;
 

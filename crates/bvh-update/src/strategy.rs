@@ -66,7 +66,7 @@ pub struct Reinsertion {
     pub part: f64,
 }
 
-bvh_build::with_methods!(Reinsertion: with_rotate(rotate: Option<Rotate>), with_part(part: f64));
+bvh_core::with_methods!(Reinsertion: with_rotate(rotate: Option<Rotate>), with_part(part: f64));
 
 impl Default for Reinsertion {
     fn default() -> Self {

@@ -130,9 +130,9 @@ impl Updater {
     /// Primitives without finite coordinates are dropped from all boxes, counted in
     /// [`Update::dropped`], and return in the first update that finds them finite. After an update
     /// every box is tight, wherever the primitives went: onto one point, far from the origin,
-    /// beyond the range of `f32` areas. A rotation is applied only if it lowers the area, strictly,
-    /// in the arithmetic of [`area_changes`](bvh_core::rotation::area_changes), and leaves the tree
-    /// no higher than [`MAX_HEIGHT`](bvh_core::MAX_HEIGHT).
+    /// beyond the range of `f32` areas. A rotation is applied only if it lowers the area by more
+    /// than 1.2e-38, in the arithmetic of [`area_changes`](bvh_core::rotation::area_changes), and
+    /// leaves the tree no higher than [`MAX_HEIGHT`](bvh_core::MAX_HEIGHT).
     ///
     /// Runs in the current rayon pool. The tree that results is the same, bit for bit, for every
     /// number of threads and every SIMD level; only [`Strategy::Background`] depends on time.

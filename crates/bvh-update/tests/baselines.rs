@@ -210,3 +210,28 @@ fn primitives_that_forget_to_sanitise_break_no_tree() {
         }
     }
 }
+
+/// Areas of 1e-46: a comparison of two of them has no digits. With rotations by such comparisons
+/// `Auto` built a tree in every frame of the seventh input, for ever.
+#[test]
+fn a_still_scene_without_digits_is_built_no_more() {
+    for seed in 0..10 {
+        let way = |piece: usize| {
+            let mut random = fastrand::Rng::with_seed(u64::rotate_left(seed, 32) ^ piece as u64);
+            Vec3::new(random.f32(), random.f32(), random.f32()) - 0.5
+        };
+        let boxes = |time: f32| -> Vec<Aabb> {
+            let corner = |i: usize| {
+                let away = if i < N * 9 / 10 { way(i / 50) * 400.0 * time } else { Vec3::ZERO };
+                Vec3::new((i / 50) as f32, (i % 50) as f32, 0.0) + away
+            };
+            (0..N).map(corner).map(|c| Aabb::new(c * 1e-25, (c + 0.8) * 1e-25)).collect()
+        };
+        let (mut bvh, mut updater) = (tree(&boxes(0.0)), Updater::default());
+        for step in 1..=70 {
+            let report = updater.update(&mut bvh, &boxes(step.min(30) as f32 / 30.0)).expect("same count");
+            let is_build = matches!(report.decision, Decision::Rebuild { .. } | Decision::Kept { .. });
+            assert!(step < 50 || !is_build, "seed {seed}: {} in step {step}", report.decision);
+        }
+    }
+}

@@ -138,7 +138,8 @@ pub(super) fn ratios(rows: &[Row]) -> String {
 pub(super) fn side_by_side(rows: &[Row], others: &[Row]) -> String {
     let mut text = format!("\n  {:<80} {:>10} {:>10} {:>8}\n", "", "ms", "beside", "ratio");
     for row in rows {
-        let key = |row: &Row| (row.what.clone(), row.scene.clone(), row.threads, row.contestant.clone());
+        let names = |row: &Row| [&row.what, &row.scene, &row.contestant].map(Clone::clone);
+        let key = |row: &Row| (names(row), row.triangles, row.threads);
         let Some(other) = others.iter().find(|other| key(other) == key(row)) else { continue };
         let (ours, theirs, n) = (time(row), time(other), threads_of(row.threads));
         let title = format!("{}, {}, {}, {n}, {}", row.what, row.scene, row.contestant, middle(row));

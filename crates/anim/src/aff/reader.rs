@@ -20,8 +20,8 @@ const DEEPEST_INCLUDE: usize = 64;
 /// Bytes that a statement stands for, beyond the triangles it makes. Most of it is time: to find a
 /// file, say.
 const COST_OF_STATEMENT: u64 = 512;
-/// The same for each byte of the path of an include, whose folders are looked up one by one: what a
-/// byte of text allows for.
+/// The same for each byte of an include's name, whose folders are looked up one by one: what a byte
+/// of text allows for.
 const COST_OF_PATH_BYTE: u64 = BYTES_PER_BYTE;
 
 /// The place of what no line alone is to blame for.
@@ -202,10 +202,12 @@ impl Reader {
         }
         let problem = |found: &str, expected: &str| tokens.because(format!("{found} {name:?}"), expected);
         let included = file.parent().unwrap_or(Path::new("")).join(name);
-        let spent = self.budget.spend(COST_OF_PATH_BYTE * included.as_os_str().len() as u64, WHOLE_SCENE);
+        let spent = self.budget.spend(COST_OF_PATH_BYTE * name.len() as u64, WHOLE_SCENE);
         spent.map_err(|problem| tokens.because(problem.found, problem.expected))?;
-        // A file that is not there has no canonical path either.
-        let canonical = included.canonicalize().map_err(|source| {
+        // From a canonical path, so that names do not add up from file to file. A file that is not
+        // there has no canonical path either.
+        let folder = self.open.last().and_then(|file| file.parent()).unwrap_or(&self.folder);
+        let canonical = folder.join(name).canonicalize().map_err(|source| {
             problem(&format!("include of a file that cannot be read ({source})"), "a file")
         })?;
         if !canonical.starts_with(&self.folder) {

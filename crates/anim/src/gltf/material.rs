@@ -13,7 +13,7 @@ use ::gltf::json::texture::{Info, MagFilter, WrappingMode};
 use ::gltf::json::validation::Checked;
 use ::gltf::json::{Index, Root};
 use glam::Vec2;
-use image::{ImageError, ImageReader, Limits};
+use image::{ImageError, ImageFormat, ImageReader, Limits};
 
 use super::accessor::Accessors;
 use super::source::{decode_data_uri, is_data, relative_path};
@@ -206,7 +206,8 @@ fn decode(bytes: &[u8], accessors: &Accessors<'_>, place: &str) -> Result<Option
     let Ok(mut reader) = ImageReader::new(Cursor::new(bytes)).with_guessed_format() else { return Ok(None) };
     let mut limits = Limits::default();
     // A progressive JPEG takes three times as much as the image while it is decoded.
-    limits.max_alloc = Some(accessors.budget.left() / 3);
+    let part = if reader.format() == Some(ImageFormat::Jpeg) { 3 } else { 1 };
+    limits.max_alloc = Some(accessors.budget.left() / part);
     reader.limits(limits);
     let image = match reader.decode() {
         Ok(image) if image.width() > 0 && image.height() > 0 => image,
@@ -216,7 +217,8 @@ fn decode(bytes: &[u8], accessors: &Accessors<'_>, place: &str) -> Result<Option
     let (width, height) = (image.width(), image.height());
     let texels = u64::from(width) * u64::from(height);
     // What is kept is held twice for a moment.
-    accessors.budget.spend(texels.saturating_mul(8), place)?;
+    accessors.budget.check(texels.saturating_mul(8), place)?;
+    accessors.budget.spend(texels.saturating_mul(4), place)?;
     let texels: Arc<[[u8; 4]]> = image.into_rgba8().as_chunks().0.into();
     let least_opacity = texels.iter().map(|texel| texel[3]).min().unwrap_or(u8::MAX);
     let (wrap, filter) = ([Wrap::Repeat; 2], Filter::Linear);

@@ -35,7 +35,7 @@
 //!
 //! Prices of work are those of the six scenes, above. That of packet rays is lower than printed
 //! here: a higher one gains no more than the noise (`docs/TUNING.md`, prices of loads). A node is
-//! priced as a pass visits it. Nodes of queries cost 1.3 to 7 times that, so who reports
+//! priced as a pass visits it. Nodes of queries cost up to 4.5 times that on Zen 4, so who reports
 //! [`Load::Nodes`] gets fewer repairs than who reports the rays.
 //!
 //! Before, `unit_costs` printed 60 ns for a packet's node on Zen 4. It is 90 here: with 60 the mean

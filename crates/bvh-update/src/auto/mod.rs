@@ -44,7 +44,7 @@ pub struct Auto {
     pub load: Load,
 }
 
-bvh_build::with_methods!(Auto: with_load(load: Load));
+bvh_core::with_methods!(Auto: with_load(load: Load));
 
 impl Default for Auto {
     fn default() -> Self {

@@ -31,7 +31,7 @@ pub struct Background {
     pub builder: Builder,
 }
 
-bvh_build::with_methods!(Background: with_rotate(rotate: Option<Rotate>), with_builder(builder: Builder));
+bvh_core::with_methods!(Background: with_rotate(rotate: Option<Rotate>), with_builder(builder: Builder));
 
 impl Default for Background {
     fn default() -> Self {

@@ -30,7 +30,7 @@ pub struct Degraded {
     pub builder: Builder,
 }
 
-bvh_build::with_methods!(Degraded: with_rotate(rotate: Option<Rotate>), with_threshold(threshold: f64),
+bvh_core::with_methods!(Degraded: with_rotate(rotate: Option<Rotate>), with_threshold(threshold: f64),
     with_builder(builder: Builder));
 
 impl Default for Degraded {

@@ -72,7 +72,7 @@ pub struct Rotate {
     pub period: u32,
 }
 
-bvh_build::with_methods!(Rotate: with_period(period: u32));
+bvh_core::with_methods!(Rotate: with_period(period: u32));
 
 impl Default for Rotate {
     fn default() -> Self {

@@ -37,7 +37,7 @@ pub struct PartialRebuild {
     pub cost_increase: f64,
 }
 
-bvh_build::with_methods!(PartialRebuild: with_rotate(rotate: Option<Rotate>), with_cost_increase(cost_increase: f64));
+bvh_core::with_methods!(PartialRebuild: with_rotate(rotate: Option<Rotate>), with_cost_increase(cost_increase: f64));
 
 impl Default for PartialRebuild {
     fn default() -> Self {
