@@ -235,13 +235,10 @@ pub fn rebuild<P: Primitives + ?Sized>(
     if n > MAX_PRIMITIVES {
         return Err(BuildError::TooManyPrimitives(n));
     }
+    let in_pool = rayon::current_thread_index().is_some();
     let threads = match builder {
         Builder::Binned => 1,
-        Builder::Sweep | Builder::HillClimbed | Builder::Annealed
-            if rayon::current_thread_index().is_none() =>
-        {
-            1
-        }
+        Builder::Sweep | Builder::HillClimbed | Builder::Annealed if !in_pool => 1,
         _ => rayon::current_num_threads(),
     };
     let BuildScratch { prims, dropped, spare, bins, codes, clusters, ploc } = scratch;

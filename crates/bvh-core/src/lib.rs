@@ -70,6 +70,7 @@ mod structure;
 pub mod triangle;
 mod update_state;
 mod validate;
+mod with_methods;
 
 pub use aabb::Aabb;
 pub use bvh::{Bvh, MAX_HEIGHT, MAX_PRIMITIVES, OnPanic, Pair, Parts};

@@ -1,4 +1,4 @@
-//! Macros for what users set: names of enum variants, for command lines and result files, and options.
+//! Names of enum variants, for command lines and result files.
 
 /// A name that stands for nothing.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -58,24 +58,6 @@ macro_rules! named {
             fn from_str(name: &str) -> Result<Self, $crate::UnknownName> {
                 $crate::named::by_name($what, &Self::ALL, Self::name, name)
             }
-        }
-    };
-}
-
-/// Adds a method for each field that gives the value with another content of that field.
-#[doc(hidden)]
-#[macro_export]
-macro_rules! with_methods {
-    ($type:ident: $($with:ident($field:ident: $content:ty)),+) => {
-        impl $type {
-            $(
-                #[doc = concat!("The same with another [`", stringify!($field), "`](Self::", stringify!($field), ").")]
-                #[must_use]
-                pub const fn $with(mut self, $field: $content) -> Self {
-                    self.$field = $field;
-                    self
-                }
-            )+
         }
     };
 }

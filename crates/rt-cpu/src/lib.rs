@@ -10,7 +10,7 @@
 //! # What a hit is
 //!
 //! Every way of traversing a tree gives the same hits bit for bit, and so does testing every
-//! triangle ([`closest_hit_brute`]), because a hit is defined without the tree. The exception are
+//! triangle ([`closest_hit_brute`]), because a hit is defined without the tree. The exceptions are
 //! hits at a distance below 1.2e-38, the least normal `f32`: tiles may miss them. A ray hits a
 //! triangle at `t` if
 //!
